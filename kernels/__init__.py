@@ -1,0 +1,1 @@
+"""NVIDIA Warp kernels: arrays in, arrays out."""

@@ -1,0 +1,274 @@
+"""Neighbourhood grids over a base: points around a vertex, found on the base's triangulation.
+
+A grid is polar: ring ``j`` of ``w`` lies at geodesic distance ``j * spacing`` and has a multiple of R points, so that a
+rotation by a multiple of ``2 pi / R`` is a permutation of the grid and needs no second look-up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from intaglio.kernels.launch import launch
+
+wp.set_module_options({"enable_backward": False})
+
+_MOST_STEPS = wp.constant(96)
+# Barycentric slack: neighbouring facets of a curved base leave gaps of this order between their normal prisms.
+_SLACK = wp.constant(-2.0e-3)
+
+
+def polar_grid(window: int, rotations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the grid's points in units of the spacing, their rings, and the permutation of every rotation.
+
+    Parameters
+    ----------
+    window : int
+        Number of rings w, at least 1.
+    rotations : int
+        R, at least 1.
+
+    Returns
+    -------
+    offsets : (G, 2) float32 array
+        Along u and v; the centre comes first, then ring by ring.
+    ring : (G,) int32 array
+    permutation : (R, G) int32 array
+        Point k turned by ``2 pi q / R`` is point ``permutation[q, k]``.
+    """
+    points, ring = [(0.0, 0.0)], [0]
+    permutation = [np.zeros((rotations, 1), np.int32)]
+    for j in range(1, window + 1):
+        count = rotations * max(1, round(6 * j / rotations))
+        angle = 2 * np.pi * np.arange(count) / count
+        first = len(points)
+        points += list(zip(j * np.cos(angle), j * np.sin(angle), strict=True))
+        ring += [j] * count
+        turn = (np.arange(rotations) * (count // rotations))[:, None]
+        permutation.append((first + (np.arange(count)[None, :] + turn) % count).astype(np.int32))
+    return np.array(points, np.float32), np.array(ring, np.int32), np.concatenate(permutation, axis=1)
+
+
+@wp.func
+def exponential_map(
+    kind: int, origin: wp.vec3, axis: wp.vec3, radius: float, foot: wp.vec3, tangent: wp.vec3
+) -> wp.vec3:
+    """Point of the base (0 plane, 1 cylinder, 2 sphere) reached by the geodesic from ``foot`` along ``tangent``."""
+    point = foot + tangent
+    if kind == 1:
+        relative = foot - origin
+        along = wp.dot(relative, axis)
+        outward = wp.normalize(relative - along * axis)
+        around = wp.cross(axis, outward)
+        angle = wp.dot(tangent, around) / radius
+        point = (
+            origin + (along + wp.dot(tangent, axis)) * axis + radius * (wp.cos(angle) * outward + wp.sin(angle) * around)
+        )
+    if kind == 2:
+        length = wp.length(tangent)
+        if length > 0.0:
+            angle = length / radius
+            point = origin + wp.cos(angle) * (foot - origin) + (radius * wp.sin(angle) / length) * tangent
+    return point
+
+
+@wp.func
+def barycentric(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+    """Barycentric coordinates of ``p`` seen along the normal of triangle (a, b, c); (-1e9, ..) where it has no area."""
+    n = wp.cross(b - a, c - a)
+    area = wp.dot(n, n)
+    result = wp.vec3(-1.0e9, -1.0e9, -1.0e9)
+    if area > 0.0:
+        u = wp.dot(wp.cross(c - b, p - b), n) / area
+        v = wp.dot(wp.cross(a - c, p - c), n) / area
+        result = wp.vec3(u, v, 1.0 - u - v)
+    return result
+
+
+@wp.kernel
+def locate_kernel(
+    start: int,
+    foot: wp.array(dtype=wp.vec3),
+    u: wp.array(dtype=wp.vec3),
+    v: wp.array(dtype=wp.vec3),
+    first_face: wp.array(dtype=wp.int32),
+    offsets: wp.array(dtype=wp.vec2),
+    kind: int,
+    origin: wp.vec3,
+    axis: wp.vec3,
+    radius: float,
+    points: wp.array(dtype=wp.vec3),
+    faces: wp.array2d(dtype=wp.int32),
+    across: wp.array2d(dtype=wp.int32),
+    mesh: wp.uint64,
+    reach: float,
+    # output
+    face: wp.array2d(dtype=wp.int32),
+    weight: wp.array2d(dtype=wp.vec2),
+):
+    """Find every grid point of one vertex by walking from triangle to triangle; -1 where the base ends before it."""
+    i = start + wp.tid()
+    here = first_face[i]
+    for k in range(offsets.shape[0]):
+        g = offsets[k]
+        p = exponential_map(kind, origin, axis, radius, foot[i], g[0] * u[i] + g[1] * v[i])
+        at = here
+        found = int(-1)
+        b = wp.vec3(0.0, 0.0, 0.0)
+        step = int(0)
+        while at >= 0 and step < _MOST_STEPS:
+            b = barycentric(p, points[faces[at, 0]], points[faces[at, 1]], points[faces[at, 2]])
+            low = wp.min(b)
+            if low >= _SLACK:
+                found = at
+                step = _MOST_STEPS
+            else:
+                # Leave through the edge that faces the most negative corner.
+                if b[0] == low:
+                    at = across[at, 1]
+                elif b[1] == low:
+                    at = across[at, 2]
+                else:
+                    at = across[at, 0]
+            step = step + 1
+        if found < 0:
+            # The straight walk met a border or went in a circle; the point may still lie beyond it.
+            query = wp.mesh_query_point_no_sign(mesh, p, reach)
+            if query.result:
+                found = query.face
+                b = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
+        if found >= 0:
+            here = found
+            b = wp.vec3(wp.max(b[0], 0.0), wp.max(b[1], 0.0), wp.max(b[2], 0.0))
+            b = b / (b[0] + b[1] + b[2])
+        face[i, k] = found
+        weight[i, k] = wp.vec2(b[0], b[1])
+
+
+@wp.kernel
+def gather_kernel(
+    start: int,
+    rows: wp.array(dtype=wp.int32),
+    face: wp.array2d(dtype=wp.int32),
+    weight: wp.array2d(dtype=wp.vec2),
+    faces: wp.array2d(dtype=wp.int32),
+    height: wp.array(dtype=float),
+    textured: wp.array(dtype=wp.uint8),
+    # output
+    value: wp.array2d(dtype=float),
+    known: wp.array2d(dtype=float),
+):
+    """Interpolate heights at the located grid points; known (1 or 0) where all three corners are textured."""
+    i = start + wp.tid()
+    row = rows[i]
+    for k in range(face.shape[1]):
+        f = face[row, k]
+        h = float(0.0)
+        m = float(0.0)
+        if f >= 0:
+            a = faces[f, 0]
+            b = faces[f, 1]
+            c = faces[f, 2]
+            if textured[a] != wp.uint8(0) and textured[b] != wp.uint8(0) and textured[c] != wp.uint8(0):
+                w = weight[row, k]
+                h = w[0] * height[a] + w[1] * height[b] + (1.0 - w[0] - w[1]) * height[c]
+                m = float(1.0)
+        value[i, k] = h
+        known[i, k] = m
+
+
+class GridLocator:
+    """Locates polar grids on one triangulated base.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Base points of the combined triangulation, near the origin (float32 is enough there).
+    faces, across : (F, 3) int32 arrays
+        Its triangles and, per edge k -> k + 1, the triangle across or -1.
+    kind, origin, axis, radius
+        The base, in the same coordinates: 0 plane, 1 cylinder, 2 sphere.
+    device : str
+        From `choose_device`.
+    """
+
+    def __init__(
+        self,
+        points: np.ndarray,
+        faces: np.ndarray,
+        across: np.ndarray,
+        kind: int,
+        origin: np.ndarray,
+        axis: np.ndarray,
+        radius: float,
+        device: str,
+    ) -> None:
+        self.device = device
+        self.points = wp.array(points.astype(np.float32), dtype=wp.vec3, device=device)
+        self.faces = wp.array(np.ascontiguousarray(faces, np.int32), dtype=wp.int32, ndim=2, device=device)
+        self.across = wp.array(np.ascontiguousarray(across, np.int32), dtype=wp.int32, ndim=2, device=device)
+        self.model = (int(kind), wp.vec3(*map(float, origin)), wp.vec3(*map(float, axis)), float(radius))
+        indices = wp.array(np.ascontiguousarray(faces, np.int32).reshape(-1), dtype=wp.int32, device=device)
+        self.mesh = wp.Mesh(points=self.points, indices=indices)
+
+    def locate(
+        self, foot: np.ndarray, u: np.ndarray, v: np.ndarray, first_face: np.ndarray, offsets: np.ndarray, reach: float
+    ) -> tuple[wp.array, wp.array]:
+        """Return face (M, G) int32 and barycentric weights (M, G) vec2 of the grids around M points of the base.
+
+        Parameters
+        ----------
+        foot, u, v : (M, 3) arrays
+            Grid centres and tangent vectors.
+        first_face : (M,) array
+            A triangle at or near each centre.
+        offsets : (G, 2) array
+            Grid points along u and v, in length units.
+        reach : float
+            How far from the triangulation a point still counts as on it, a small part of the spacing.
+        """
+        count, grid = len(foot), len(offsets)
+        face = wp.empty((count, grid), dtype=wp.int32, device=self.device)
+        weight = wp.empty((count, grid), dtype=wp.vec2, device=self.device)
+
+        def vectors(a: np.ndarray) -> wp.array:
+            return wp.array(np.ascontiguousarray(a, np.float32), dtype=wp.vec3, device=self.device)
+
+        launch(
+            locate_kernel,
+            count,
+            inputs=[
+                vectors(foot),
+                vectors(u),
+                vectors(v),
+                wp.array(np.ascontiguousarray(first_face, np.int32), dtype=wp.int32, device=self.device),
+                wp.array(np.ascontiguousarray(offsets, np.float32), dtype=wp.vec2, device=self.device),
+                *self.model,
+                self.points,
+                self.faces,
+                self.across,
+                self.mesh.id,
+                float(reach),
+            ],
+            outputs=[face, weight],
+            device=self.device,
+        )
+        return face, weight
+
+    def gather(
+        self, rows: np.ndarray, located: tuple[wp.array, wp.array], height: wp.array, textured: wp.array
+    ) -> tuple[wp.array, wp.array]:
+        """Return interpolated heights and known flags, both (len(rows), G) float32, at rows of ``located``."""
+        face, weight = located
+        shape = (len(rows), face.shape[1])
+        value = wp.empty(shape, dtype=float, device=self.device)
+        known = wp.empty(shape, dtype=float, device=self.device)
+        index = wp.array(np.ascontiguousarray(rows, np.int32), dtype=wp.int32, device=self.device)
+        launch(
+            gather_kernel,
+            len(rows),
+            inputs=[index, face, weight, self.faces, height, textured],
+            outputs=[value, known],
+            device=self.device,
+        )
+        return value, known

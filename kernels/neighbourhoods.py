@@ -1,0 +1,403 @@
+"""Matching of neighbourhoods: which samples look like the known part of a target's surroundings.
+
+Every target is compared with every candidate, a sample at one of R rotations, by the masked weighted mean square
+
+    ssd = sum_k w_k (x_k - y_perm(k))^2,    sum_k w_k = 1,
+
+over the grid points k that the target knows; a candidate that lacks one of them is not viable. Costs are found either by
+the blocked Warp kernel below or, on a CPU, by two matrix products (BLAS) from
+
+    ssd = sum w x^2 - 2 sum (w x) y + sum w y^2.
+
+The expansion cancels where costs are small, so both engines give only a short list, which is compared again in the direct
+form in double precision: the choice does not depend on the engine.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from intaglio.kernels.launch import launch, load, run_parallel, single_threaded_blas
+
+wp.set_module_options({"enable_backward": False})
+
+LANES = 16
+vec16 = wp.types.vector(length=LANES, dtype=wp.float32)
+
+# What a missing grid point costs, on heights scaled to unit variance; far above any real difference, far below overflow.
+_MISSING = 1.0e9
+_VIABLE = 1.0e6
+_BLOCK = wp.constant(256)
+SHORTLIST = 256
+_MIX_1 = wp.constant(wp.uint32(0x85EBCA6B))
+_MIX_2 = wp.constant(wp.uint32(0xC2B2AE35))
+
+
+@wp.kernel
+def ssd_kernel(
+    start: int,
+    value: wp.array2d(dtype=float),
+    weight: wp.array2d(dtype=float),
+    permutation: wp.array2d(dtype=wp.int32),
+    blocks: wp.array2d(dtype=vec16),
+    # output
+    cost: wp.array3d(dtype=vec16),
+):
+    """Cost of 16 candidates at once: target t, rotation q, block b of samples, in the direct form."""
+    i, q, b = wp.tid()
+    t = start + i
+    total = vec16()
+    for k in range(value.shape[1]):
+        w = weight[t, k]
+        if w > 0.0:
+            d = blocks[b, permutation[q, k]] - vec16(value[t, k])
+            total += w * wp.cw_mul(d, d)
+    cost[t, q, b] = total
+
+
+@wp.kernel
+def block_minimum_kernel(
+    start: int,
+    cost: wp.array2d(dtype=float),
+    # output
+    lowest: wp.array2d(dtype=float),
+):
+    """Least cost of every block of 256 candidates of a target."""
+    i, b = wp.tid()
+    t = start + i
+    m = float(3.0e38)
+    for j in range(b * _BLOCK, wp.min((b + 1) * _BLOCK, cost.shape[1])):
+        m = wp.min(m, cost[t, j])
+    lowest[t, b] = m
+
+
+@wp.func
+def thinning_hash(c: int) -> wp.uint32:
+    """Well mixed bits of a candidate index (murmur3's finaliser)."""
+    h = wp.uint32(c)
+    h = (h ^ (h >> wp.uint32(16))) * _MIX_1
+    h = (h ^ (h >> wp.uint32(13))) * _MIX_2
+    return h ^ (h >> wp.uint32(16))
+
+
+@wp.kernel
+def shortlist_kernel(
+    start: int,
+    cost: wp.array2d(dtype=float),
+    lowest: wp.array2d(dtype=float),
+    factor: float,
+    slack: wp.array(dtype=float),
+    # output
+    shortlist: wp.array2d(dtype=wp.int32),
+    count: wp.array(dtype=wp.int32),
+):
+    """List the candidates within ``factor`` of a target's least cost (plus the rounding slack), in index order.
+
+    Where more qualify than the list holds, they are thinned by a hash of their index, alike for every engine.
+    """
+    t = start + wp.tid()
+    m = float(3.0e38)
+    for b in range(lowest.shape[1]):
+        m = wp.min(m, lowest[t, b])
+    limit = wp.max(m, 0.0) * factor + slack[t]
+    n = int(0)
+    if m < _VIABLE:
+        keep = wp.uint32(0)
+        room = shortlist.shape[1]
+        again = int(1)
+        while again == 1:
+            n = int(0)
+            for b in range(lowest.shape[1]):
+                if lowest[t, b] <= limit and n <= room:
+                    for j in range(b * _BLOCK, wp.min((b + 1) * _BLOCK, cost.shape[1])):
+                        if cost[t, j] <= limit and (thinning_hash(j) & keep) == wp.uint32(0):
+                            if n < room:
+                                shortlist[t, n] = j
+                            n = n + 1
+            again = int(0)
+            if n > room:
+                keep = keep * wp.uint32(2) + wp.uint32(1)
+                again = int(1)
+    count[t] = n
+
+
+@wp.kernel
+def recheck_kernel(
+    start: int,
+    value: wp.array2d(dtype=float),
+    weight: wp.array2d(dtype=float),
+    permutation: wp.array2d(dtype=wp.int32),
+    sample: wp.array2d(dtype=float),
+    shortlist: wp.array2d(dtype=wp.int32),
+    count: wp.array(dtype=wp.int32),
+    # output
+    cost: wp.array2d(dtype=wp.float64),
+):
+    """Cost of every listed candidate in the direct form, in double precision."""
+    i, j = wp.tid()
+    t = start + i
+    total = wp.float64(1.0e30)
+    if j < count[t]:
+        c = shortlist[t, j]
+        s = c % sample.shape[0]
+        q = c / sample.shape[0]
+        total = wp.float64(0.0)
+        for k in range(value.shape[1]):
+            w = weight[t, k]
+            if w > 0.0:
+                d = wp.float64(value[t, k]) - wp.float64(sample[s, permutation[q, k]])
+                total += wp.float64(w) * d * d
+    cost[t, j] = total
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Candidates listed for T targets.
+
+    Attributes
+    ----------
+    candidate : (T, L) int32 array
+        ``rotation * S + sample``; entries from ``count`` on mean nothing.
+    cost : (T, L) float64 array
+        Weighted mean square difference; 1e30 from ``count`` on.
+    count : (T,) int32 array
+        How many are listed; 0 where no candidate is viable.
+    """
+
+    candidate: np.ndarray
+    cost: np.ndarray
+    count: np.ndarray
+
+
+class NeighbourhoodMatcher:
+    """Compares targets with all samples at all rotations.
+
+    Parameters
+    ----------
+    value, known : (S, G) arrays
+        Samples' heights on the grid, and which of them exist (1) or not (0).
+    permutation : (R, G) int32 array
+        The grid's rotations, from `polar_grid`.
+    device : str
+        From `choose_device`.
+    engine : {"auto", "blas", "warp"}
+        How costs are found. "auto": BLAS on a CPU, where it was measured 4 times as fast, the Warp kernel on CUDA.
+    """
+
+    def __init__(
+        self, value: np.ndarray, known: np.ndarray, permutation: np.ndarray, *, device: str, engine: str = "auto"
+    ) -> None:
+        if engine not in ("auto", "blas", "warp"):
+            raise ValueError(f"engine must be 'auto', 'blas' or 'warp', not {engine!r}")
+        on_cpu = device.startswith("cpu")
+        if engine == "blas" and not on_cpu:
+            raise ValueError("engine='blas' runs on the CPU only; use device='cpu' or engine='warp'")
+        self.engine = ("blas" if on_cpu else "warp") if engine == "auto" else engine
+        self.device = device
+        self.samples, self.grid = value.shape
+        self.rotations = len(permutation)
+        self._permutation_host = np.ascontiguousarray(permutation, np.int32)
+        self._permutation = wp.array(self._permutation_host, dtype=wp.int32, device=device)
+        exists = known > 0
+        filled = np.where(exists, value, np.float32(_MISSING)).astype(np.float32)
+        self._sample = wp.array(filled, dtype=float, device=device)
+        if self.engine == "blas":
+            # [y^2, y] side by side: the two products are one.
+            self._products = np.empty((self.samples, 2 * self.grid), np.float32)
+            self._products[:, : self.grid] = np.where(exists, value * value, np.float32(_MISSING) ** 2)
+            self._products[:, self.grid :] = np.where(exists, value, 0)
+        else:
+            padded = -self.samples % LANES
+            rows = np.concatenate([filled, np.full((padded, self.grid), _MISSING, np.float32)])
+            blocked = rows.reshape(-1, LANES, self.grid).transpose(0, 2, 1)
+            self._blocks = wp.array(np.ascontiguousarray(blocked), dtype=vec16, device=device)
+        # What rounding in the expansion can hide, in units of the variance.
+        self._largest = float(np.abs(value[exists]).max()) if exists.any() else 1.0
+        self._buffers = threading.local()
+
+    @property
+    def targets_at_once(self) -> int:
+        """Targets whose costs are held at a time; fixed by the problem, so results do not depend on threads."""
+        row = self.rotations * self.samples
+        return int(np.clip(4_000_000 // row, 1, max(1, 192 // self.rotations)))
+
+    def match(self, value: np.ndarray, weight: np.ndarray, factor: float = 1.1) -> Matches:
+        """List the candidates within ``factor`` of the best for every target.
+
+        Parameters
+        ----------
+        value : (T, G) array
+            The targets' heights on the grid, anything where ``weight`` is 0.
+        weight : (T, G) array
+            Weights summing to 1 over each target's known points, 0 elsewhere.
+        factor : float
+            A candidate is listed if its cost is at most this times the least.
+        """
+        count = len(value)
+        value = np.ascontiguousarray(value, np.float32)
+        weight = np.ascontiguousarray(weight, np.float32)
+        shortlist = np.zeros((count, SHORTLIST), np.int32)
+        listed = np.zeros(count, np.int32)
+        at_once = self.targets_at_once
+
+        def work(index: int) -> None:
+            rows = slice(index * at_once, min((index + 1) * at_once, count))
+            cost = self._costs(value[rows], weight[rows])
+            slack = self._slack(value[rows], weight[rows])
+            select_near_best(cost, slack, factor, shortlist[rows], listed[rows], split=self.engine == "warp")
+
+        chunks = range(-(-count // at_once))
+        if self.engine == "blas":
+            load(block_minimum_kernel, self.device)
+            with single_threaded_blas():
+                run_parallel(work, chunks)
+        else:
+            for chunk in chunks:
+                work(chunk)
+        longest = max(1, int(listed.max(initial=0)))
+        shortlist = np.ascontiguousarray(shortlist[:, :longest])
+        return Matches(shortlist, self.direct_cost(value, weight, shortlist, listed), listed)
+
+    def ranked(self, value: np.ndarray, weight: np.ndarray, share: float, pick: np.ndarray) -> Matches:
+        """Pick one of the best ``share`` of all viable candidates per target: number ``pick`` (in [0, 1)) of them.
+
+        The rank is by the engine's own cost, whose rounding is far below the spread of the best percents; the cost
+        that is returned is the direct one.
+        """
+        count = len(value)
+        value = np.ascontiguousarray(value, np.float32)
+        weight = np.ascontiguousarray(weight, np.float32)
+        chosen = np.zeros((count, 1), np.int32)
+        listed = np.zeros(count, np.int32)
+        at_once = self.targets_at_once
+        with single_threaded_blas():
+            for first in range(0, count, at_once):
+                rows = slice(first, min(first + at_once, count))
+                cost = self._costs(value[rows], weight[rows]).numpy()
+                chosen[rows], listed[rows] = pick_by_rank(cost, share, pick[rows])
+        return Matches(chosen, self.direct_cost(value, weight, chosen, listed), listed)
+
+    def direct_cost(self, value: np.ndarray, weight: np.ndarray, candidate: np.ndarray, count: np.ndarray) -> np.ndarray:
+        """Return the direct double precision cost (T, L) of listed candidates."""
+        cost = wp.empty(candidate.shape, dtype=wp.float64, device=self.device)
+        launch(
+            recheck_kernel,
+            candidate.shape,
+            inputs=[
+                self._array(value, float),
+                self._array(weight, float),
+                self._permutation,
+                self._sample,
+                self._array(candidate, wp.int32),
+                self._array(count, wp.int32),
+            ],
+            outputs=[cost],
+            device=self.device,
+            grain=4,
+        )
+        return cost.numpy()
+
+    def _array(self, data: np.ndarray, dtype: type) -> wp.array:
+        return wp.array(data, dtype=dtype, device=self.device, copy=not self.device.startswith("cpu"))
+
+    def _slack(self, value: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        if self.engine == "warp":
+            return np.full(len(value), 1e-6, np.float32) * np.float32(self._largest**2)
+        scale = (weight * value**2).sum(axis=1) + self._largest**2
+        return (4e-6 * scale).astype(np.float32)
+
+    def _costs(self, value: np.ndarray, weight: np.ndarray) -> wp.array:
+        """Return costs (T, R * S) of a chunk of targets."""
+        count = len(value)
+        if self.engine == "warp":
+            blocks = self._blocks.shape[0]
+            cost = wp.empty((count, self.rotations, blocks), dtype=vec16, device=self.device)
+            launch(
+                ssd_kernel,
+                (count, self.rotations, blocks),
+                inputs=[self._array(value, float), self._array(weight, float), self._permutation, self._blocks],
+                outputs=[cost],
+                device=self.device,
+                grain=1,
+            )
+            flat = cost.view(wp.float32).reshape((count, self.rotations, blocks * LANES))
+            if blocks * LANES == self.samples:
+                return flat.reshape((count, -1))
+            host = flat.numpy()[:, :, : self.samples] if self.device.startswith("cpu") else None
+            if host is not None:
+                return wp.array(np.ascontiguousarray(host).reshape(count, -1), dtype=float, device=self.device)
+            return wp.clone(flat[:, :, : self.samples].contiguous()).reshape((count, -1))
+        rows = count * self.rotations
+        left = np.zeros((count, self.rotations, 2 * self.grid), np.float32)
+        for q, turned in enumerate(self._permutation_host):
+            left[:, q, turned] = weight
+            left[:, q, self.grid + turned] = -2 * weight * value
+        out = self._buffer(rows * self.samples).reshape(rows, self.samples)
+        np.matmul(left.reshape(rows, -1), self._products.T, out=out)
+        out = out.reshape(count, -1)
+        out += (weight * value**2).sum(axis=1, dtype=np.float32)[:, None]
+        return wp.array(out, dtype=float, device=self.device, copy=False)
+
+    def _buffer(self, size: int) -> np.ndarray:
+        held = getattr(self._buffers, "cost", None)
+        if held is None or len(held) < size:
+            held = self._buffers.cost = np.empty(size, np.float32)
+        return held[:size]
+
+
+def select_near_best(
+    cost: wp.array, slack: np.ndarray, factor: float, shortlist: np.ndarray, listed: np.ndarray, *, split: bool
+) -> None:
+    """Write the candidates within ``factor`` of the least of ``cost`` (T, C), plus ``slack`` (T,), to a short list.
+
+    Parameters
+    ----------
+    cost : (T, C) wp.array
+    slack : (T,) float32 array
+        What rounding may hide.
+    factor : float
+    shortlist : (T, L) int32 array
+        Filled in place, in index order.
+    listed : (T,) int32 array
+        Filled in place: how many are listed, 0 where the least cost is not viable.
+    split : bool
+        Split the launch over threads; False within a worker thread.
+    """
+    device = str(cost.device)
+    on_cpu = device.startswith("cpu")
+    count, candidates = cost.shape
+    lowest = wp.empty((count, -(-candidates // int(_BLOCK))), dtype=float, device=device)
+    if on_cpu:
+        out, number = (wp.array(a, dtype=wp.int32, device=device, copy=False) for a in (shortlist, listed))
+    else:
+        out, number = (wp.empty(a.shape, dtype=wp.int32, device=device) for a in (shortlist, listed))
+    slack_there = wp.array(slack, dtype=float, device=device)
+
+    def go(kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[object], outputs: list[object]) -> None:
+        if split:
+            launch(kernel, dim, inputs=inputs, outputs=outputs, device=device, grain=1)
+        else:
+            wp.launch(kernel, dim=dim, inputs=[0, *inputs], outputs=outputs, device=device, record_tape=False)
+
+    go(block_minimum_kernel, lowest.shape, [cost], [lowest])
+    go(shortlist_kernel, (count,), [cost, lowest, float(factor), slack_there], [out, number])
+    if not on_cpu:
+        shortlist[:] = out.numpy()
+        listed[:] = number.numpy()
+
+
+def pick_by_rank(cost: np.ndarray, share: float, pick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return, per row of ``cost`` (T, C), candidate number ``pick`` (in [0, 1)) of the best ``share``; and 1, or 0 for none."""
+    chosen = np.zeros((len(cost), 1), np.int32)
+    listed = np.zeros(len(cost), np.int32)
+    for t, row in enumerate(cost):
+        viable = int((row < _VIABLE).sum())
+        if viable:
+            rank = int(pick[t] * max(1, np.ceil(share * viable)))
+            chosen[t, 0] = np.argpartition(row, rank)[rank]
+            listed[t] = 1
+    return chosen, listed

@@ -1,0 +1,150 @@
+"""Which Mitsuba variant this machine can run, found before Mitsuba is imported.
+
+Dr.Jit takes whatever libLLVM it finds, and with LLVM 14 to 16 the *process aborts* at the first render. So candidates are
+opened here, their version is read, and only one that is 17 or newer is handed on; without one, the scalar variant renders.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import glob
+import os
+import re
+import sys
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+
+_OLDEST_LLVM = 17
+_PLACES = (
+    "/usr/lib/*-linux-gnu/libLLVM*.so*",
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/lib64/libLLVM*.so*",
+    "/usr/lib/libLLVM*.so*",
+    "/usr/local/lib/libLLVM*.so*",
+    "/opt/homebrew/opt/llvm*/lib/libLLVM*.dylib",
+    "/usr/local/opt/llvm*/lib/libLLVM*.dylib",
+    "C:/Program Files/LLVM/bin/LLVM-C.dll",
+)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The variant in use.
+
+    Attributes
+    ----------
+    name : str
+        ``cuda_ad_rgb``, ``llvm_ad_rgb`` or ``scalar_rgb``.
+    reason : str
+        Why this one.
+    llvm : str or None
+        The LLVM library in use.
+    """
+
+    name: str
+    reason: str
+    llvm: str | None = None
+
+    @property
+    def vectorised(self) -> bool:
+        """Whether arrays of rays can be traced at once."""
+        return not self.name.startswith("scalar")
+
+
+def llvm_version(path: str) -> int | None:
+    """Return the major version of an LLVM library, or None if it can't be told.
+
+    ``LLVMGetVersion`` exists from LLVM 16 on. A library without it is older, or none.
+    """
+    try:
+        library = ctypes.CDLL(path)
+        get = library.LLVMGetVersion
+    except (OSError, AttributeError):
+        return None
+    major = ctypes.c_uint()
+    get.restype = None
+    get(ctypes.byref(major), None, None)
+    return int(major.value)
+
+
+def _named_version(path: str) -> int | None:
+    """Return the version that the file's own name states: opening several LLVMs in one process invites clashes."""
+    found = re.search(r"LLVM(?:-C)?[-.]?(?:so\.)?(\d+)", os.path.basename(os.path.realpath(path)))
+    return int(found.group(1)) if found else None
+
+
+@cache
+def usable_llvm() -> tuple[str | None, str]:
+    """Return the path of an LLVM library that works, or None, and what was found."""
+    given = os.environ.get("DRJIT_LIBLLVM_PATH")
+    paths = [given] if given else sorted({os.path.realpath(p) for place in _PLACES for p in glob.glob(place)})
+    candidates = []
+    for path in paths:
+        named = _named_version(path)
+        if named is not None and named < _OLDEST_LLVM:
+            candidates.append((named, path))
+            continue
+        version = llvm_version(path)
+        if version is not None:
+            candidates.append((version, path))
+    good = [c for c in candidates if c[0] >= _OLDEST_LLVM]
+    if good:
+        version, path = max(good)
+        return path, f"LLVM {version} at {path}"
+    if given:
+        return None, f"DRJIT_LIBLLVM_PATH={given} is no LLVM {_OLDEST_LLVM} or newer"
+    if candidates:
+        versions = ", ".join(str(v) for v in sorted({v for v, _ in candidates}))
+        return None, f"only LLVM {versions} found; {_OLDEST_LLVM} or newer is needed (on Debian: libllvm19)"
+    return None, f"no LLVM library found ({_OLDEST_LLVM} or newer, on Debian: libllvm19)"
+
+
+def _cuda_answers() -> bool:
+    """Whether an NVIDIA driver with at least one GPU answers."""
+    name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+    try:
+        driver = ctypes.CDLL(name)
+        count = ctypes.c_int()
+        return driver.cuInit(0) == 0 and driver.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+    except (OSError, AttributeError):
+        return False
+
+
+@cache
+def variant() -> Variant:
+    """Choose the Mitsuba variant: CUDA if a GPU answers, LLVM if a library works, else scalar.
+
+    The environment variable ``INTAGLIO_VARIANT`` asks for one; it is refused where it would not run.
+
+    Raises
+    ------
+    ValueError
+        If ``INTAGLIO_VARIANT`` names a variant that does not run here.
+    """
+    asked = os.environ.get("INTAGLIO_VARIANT")
+    path, found = usable_llvm()
+    if path is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = path
+    possible = {"scalar_rgb": "runs everywhere, slowly"}
+    if path is not None:
+        possible = {"llvm_ad_rgb": found, **possible}
+    if _cuda_answers():
+        possible = {"cuda_ad_rgb": "an NVIDIA GPU answers", **possible}
+    if asked and asked not in possible:
+        raise ValueError(f"INTAGLIO_VARIANT={asked} does not run here; possible: {', '.join(possible)} ({found})")
+    name = asked or next(iter(possible))
+    reason = "asked for by INTAGLIO_VARIANT" if asked else possible[name]
+    if name == "scalar_rgb" and not asked:
+        reason = found
+    return Variant(name, reason, path if name == "llvm_ad_rgb" else None)
+
+
+def mitsuba() -> ModuleType:
+    """Return the mitsuba module with the variant set."""
+    chosen = variant()
+    import mitsuba as mi
+
+    if mi.variant() != chosen.name:
+        mi.set_variant(chosen.name)
+    return mi

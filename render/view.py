@@ -1,0 +1,201 @@
+"""Pictures of a mesh in a light that shows relief."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.render.variant import mitsuba
+
+Array = np.ndarray
+CLAY = (0.55, 0.5, 0.45)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera.
+
+    Attributes
+    ----------
+    origin, target, up : (3,) sequences
+        In the mesh's unit.
+    fov : float
+        Vertical field of view in degrees.
+    """
+
+    origin: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    fov: float = 25.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """A distant light fixed to the camera, with a weaker even light that keeps shadows readable.
+
+    Attributes
+    ----------
+    tilt : float
+        Degrees, direction in the picture plane, from right to up.
+    slant : float
+        Degrees from the line of sight: 0 is a headlight, 70 rakes over the surface and shows the least relief.
+    strength : float
+        Irradiance of the distant light.
+    fill : float
+        Radiance of the even light.
+    """
+
+    tilt: float = 135.0
+    slant: float = 65.0
+    strength: float = 3.0
+    fill: float = 0.12
+
+
+def frame(
+    vertices: Array, direction: Array, *, up: Array = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
+) -> Camera:
+    """Return a camera that sees all of ``vertices`` (N, 3) from ``direction`` (3,), the way from the object to the eye."""
+    vertices = np.asarray(vertices, np.float64)
+    towards = np.asarray(direction, np.float64)
+    towards = towards / np.linalg.norm(towards)
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+    distance = margin * radius / np.sin(np.radians(fov) / 2)
+    up = np.asarray(up, np.float64)
+    if abs(up @ towards) > 0.99 * np.linalg.norm(up):
+        up = np.eye(3)[np.argmin(np.abs(towards))]
+    return Camera(tuple(middle + distance * towards), tuple(middle), tuple(up), fov)
+
+
+def view(
+    vertices: Array,
+    faces: Array,
+    *,
+    camera: Camera,
+    colors: Array | None = None,
+    light: Light = Light(),  # noqa: B008 - frozen
+    size: tuple[int, int] = (512, 512),
+    samples: int = 32,
+    albedo: tuple[float, float, float] = CLAY,
+    background: float = 1.0,
+    flat: bool = False,
+    seed: int = 0,
+) -> Array:
+    """Render a mesh in matte clay, or in its vertex colours, under raking light.
+
+    Parameters
+    ----------
+    vertices, faces : (N, 3), (F, 3) arrays
+        In any unit; double precision survey coordinates are moved to the origin first.
+    camera : Camera
+    colors : (N, 3) array, optional
+        Linear reflectance in [0, 1]; default clay.
+    light : Light
+    size : (width, height)
+        In pixels.
+    samples : int
+        Paths per pixel.
+    albedo : (3,) sequence
+        Clay's linear reflectance.
+    background : float
+        Linear value where nothing is seen.
+    flat : bool
+        Shade facets instead of smooth normals.
+    seed : int
+
+    Returns
+    -------
+    (H, W, 3) float32 array
+        Linear Rec.709.
+    """
+    mi = mitsuba()
+    shift = np.asarray(camera.target, np.float64)
+    mesh = make_mesh(np.asarray(vertices, np.float64) - shift, faces, colors=colors, flat=flat, albedo=albedo)
+    origin = np.asarray(camera.origin, np.float64) - shift
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 3, "hide_emitters": True},
+            "sensor": make_sensor(origin, np.zeros(3), np.asarray(camera.up), camera.fov, size),
+            "mesh": mesh,
+            "key": {
+                "type": "directional",
+                "direction": [float(x) for x in -light_direction(origin, camera.up, light)],
+                "irradiance": {"type": "rgb", "value": light.strength},
+            },
+            "fill": {"type": "constant", "radiance": {"type": "rgb", "value": light.fill}},
+        }
+    )
+    rendered = np.array(mi.render(scene, spp=samples, seed=seed), dtype=np.float32)
+    alpha = np.clip(rendered[:, :, 3:4], 0, 1)
+    return np.ascontiguousarray(rendered[:, :, :3] + (1 - alpha) * np.float32(background))
+
+
+def light_direction(origin: Array, up: Array, light: Light) -> Array:
+    """Return the unit vector towards the light for a camera at ``origin`` that looks at 0."""
+    z = origin / np.linalg.norm(origin)
+    x = np.cross(np.asarray(up, np.float64), z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    tilt, slant = np.radians(light.tilt), np.radians(light.slant)
+    return np.cos(tilt) * np.sin(slant) * x + np.sin(tilt) * np.sin(slant) * y + np.cos(slant) * z
+
+
+def make_sensor(origin: Array, target: Array, up: Array, fov: float, size: tuple[int, int]) -> dict[str, object]:
+    """Return Mitsuba's description of a perspective camera with an RGBA film of ``size`` (width, height)."""
+    mi = mitsuba()
+    return {
+        "type": "perspective",
+        "fov": float(fov),
+        "fov_axis": "y",
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=[float(x) for x in origin], target=[float(x) for x in target], up=[float(x) for x in up]
+        ),
+        "film": {
+            "type": "hdrfilm",
+            "width": int(size[0]),
+            "height": int(size[1]),
+            "pixel_format": "rgba",
+            "rfilter": {"type": "gaussian"},
+        },
+        "sampler": {"type": "independent"},
+    }
+
+
+def make_mesh(
+    vertices: Array,
+    faces: Array,
+    *,
+    colors: Array | None = None,
+    flat: bool = False,
+    albedo: tuple[float, float, float] = CLAY,
+) -> object:
+    """Return a Mitsuba mesh with a matte, two-sided material."""
+    mi = mitsuba()
+    vertices, faces = np.asarray(vertices), np.asarray(faces)
+    if len(vertices) == 0 or len(faces) == 0:
+        raise ValueError(f"there is nothing to render: {len(vertices)} vertices, {len(faces)} faces")
+    if colors is None:
+        reflectance = {"type": "rgb", "value": [float(a) for a in albedo]}
+    else:
+        reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": reflectance}})
+    mesh = mi.Mesh(
+        "surface",
+        vertex_count=len(vertices),
+        face_count=len(faces),
+        has_vertex_normals=not flat,
+        has_vertex_texcoords=False,
+        props=properties,
+    )
+    if colors is not None:
+        mesh.add_attribute("vertex_color", 3, np.ascontiguousarray(colors, np.float32).ravel().tolist())
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
+    parameters.update()
+    if not flat:
+        mesh.recompute_vertex_normals()
+    return mesh

@@ -1,0 +1,227 @@
+"""`complete_relief`: what a scan did not see, with its relief."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from intaglio.errors import InputError, IntaglioError
+from intaglio.kernels.launch import choose_device
+from intaglio.randomness import checked_seed
+from intaglio.relief.base import Base
+from intaglio.relief.displacement_metric import DisplacementMetric
+from intaglio.relief.frames import FRAMES
+from intaglio.relief.prepare import Ground, prepare_ground
+from intaglio.relief.propagate import Growth, Metric, Selection, grow_relief
+from intaglio.relief.refine import refine_relief
+from intaglio.relief.samples import sample_set
+from intaglio.relief.surface_metric import SurfaceMetric
+from intaglio.surface import Surface
+
+Array = np.ndarray
+
+DEFAULT_WINDOW = 7
+# Beyond this many candidates (samples times rotations) the sample set is not oversampled unless asked for: halving all
+# edges makes four times as many.
+_OVERSAMPLE_UP_TO = 100_000
+
+
+def complete_relief(
+    surface: Surface,
+    base: Base | str = "auto",
+    window: int | None = None,
+    error: float | None = None,
+    rotations: int = 1,
+    metric: str = "displacement",
+    order: str = "wave",
+    levels: int = 1,
+    refine: int = 0,
+    color_weight: float | None = None,
+    spacing: float | None = None,
+    extent: str | Sequence[float] | None = None,
+    search: str = "auto",
+    seed: int = 0,
+    device: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    frames: str | None = None,
+    reference: Array | None = None,
+    oversample: bool | None = None,
+    bootstrap: bool = False,
+    selection: str = "near-best",
+    factor: float = 1.1,
+    eta: float = 10.0,
+    engine: str = "auto",
+) -> Surface:
+    """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
+
+    Stage one fits the base and lays target points over the missing part at the scan's density. Stage two grows the
+    relief from the scan's border over the targets: every target takes the displacement of a measured vertex whose
+    surroundings look like what is known of its own.
+
+    Parameters
+    ----------
+    surface : Surface
+        The scan. Its vertices come out bit for bit as they are, first and in the same order.
+    base : Base or {"auto", "plane", "cylinder", "sphere"}
+        The base, or the kind to fit.
+    window : int, optional
+        w: radius of the neighbourhoods, in edges (times ``spacing`` in length). It should cover the largest feature that
+        repeats. Default 7.
+    error : float, optional
+        e: a match is accepted below this weighted mean squared distance, in squared input units; default half the
+        variance of the measured displacement. Rises by 10 % whenever no target can be filled.
+    rotations : int
+        R: every sample is tried at R rotations about its normal. 1 for relief with a direction; more for isotropic.
+    metric : {"displacement", "surface"}
+        "displacement" compares heights over a tangent grid; "surface" is the papers' point-to-triangle measure, slower.
+    order : {"wave", "sequential"}
+        "wave" fills the whole boundary list at once; "sequential" one vertex after the other, as the papers do.
+    levels : int
+        Only 1: relief is completed at one scale.
+    refine : int
+        Passes that match the filled part again as a whole, vote, and copy; removes what growth got wrong. 0: none.
+    color_weight : float, optional
+        Only None: shape alone decides; colours are carried along with the relief.
+    spacing : float, optional
+        Distance between targets, a length in the input's unit; default from the scan's edges.
+    extent : str or sequence of float, optional
+        What to complete: None or "whole", "rectangle", "holes", or numbers; see `intaglio.relief.extent`.
+    search : {"auto", "exhaustive"}
+        Every sample is compared.
+    seed : int
+        The same seed gives the same bits.
+    device : str, optional
+        "cpu", "cuda:0"; default CUDA if there is one.
+    progress : callable, optional
+        Called with (vertices filled, vertices to fill).
+    frames : {"algebraic", "sweep", "reference"}, optional
+        Local frames; default by the base. ``reference`` is the vector for "reference".
+    oversample : bool, optional
+        Halve the sample set's edges; default where targets don't continue the scan's lattice and candidates stay few.
+    bootstrap : bool
+        Filled vertices become samples.
+    selection : {"near-best", "best-percent"}
+        At random among matches within ``factor`` of the best (paper 000), or among the best ``eta`` percent (paper 001).
+    engine : {"auto", "blas", "warp"}
+        How the displacement metric's costs are computed; the choices are the same.
+
+    Returns
+    -------
+    Surface
+        Measured vertices first, filled ones after them, with ``measured``, ``source``, ``rotation``, ``error``, the base
+        in ``model`` and in ``notes`` what was chosen.
+
+    Raises
+    ------
+    InputError
+        For a surface or argument that can't be used.
+    FitError
+        If no base fits, or several fit equally well.
+
+    References
+    ----------
+    T. P. Breckon, R. B. Fisher, *Three-Dimensional Surface Relief Completion via Nonparametric Techniques*, IEEE TPAMI
+    30(12), 2008; *Non-parametric 3D Surface Completion*, section 3 and appendix A.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> scan = intaglio.read_surface("golfball.ply")  # doctest: +SKIP
+    >>> whole = intaglio.complete_relief(scan, base="sphere", rotations=24, seed=1)  # doctest: +SKIP
+    """
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    window = DEFAULT_WINDOW if window is None else _whole(window, "window", 1, 64)
+    rotations = _whole(rotations, "rotations", 0, 720) or 1
+    refine = _whole(refine, "refine", 0, 100)
+    seed = checked_seed(seed)
+    _one_of(metric, "metric", ("displacement", "surface"))
+    _one_of(order, "order", ("wave", "sequential"))
+    _one_of(selection, "selection", ("near-best", "best-percent"))
+    _one_of(search, "search", ("auto", "exhaustive"))
+    _one_of(engine, "engine", ("auto", "blas", "warp"))
+    if frames is not None:
+        _one_of(frames, "frames", FRAMES)
+    if levels != 1:
+        raise InputError(f"levels={levels!r}: relief is completed at one scale only; leave levels at 1")
+    if color_weight is not None:
+        raise InputError("color_weight: matching goes by shape alone; leave it None (colours are carried along)")
+    if refine and metric == "surface":
+        raise InputError("refine works with metric='displacement'; set refine=0 or change the metric")
+    if refine and bootstrap:
+        raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
+    if not (np.isfinite(factor) and factor >= 1):
+        raise InputError(f"factor must be at least 1, not {factor!r}")
+    if not 0 < eta <= 100:
+        raise InputError(f"eta is a percentage in (0, 100], not {eta!r}")
+    try:
+        chosen_device = choose_device(device)
+    except ValueError as problem:
+        raise InputError(str(problem)) from problem
+    if engine == "blas" and not chosen_device.startswith("cpu"):
+        raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
+    ground = prepare_ground(surface, base, spacing=spacing, extent=extent, frames=frames, reference=reference)
+    relief = ground.height[ground.measured]
+    if error is None:
+        error = max(0.5 * float(relief.var()), 1e-12 * ground.spacing**2)
+    elif not error > 0:
+        raise InputError(f"error must be a positive number, in squared input units, not {error!r}")
+    if oversample is None:
+        in_phase = any("continue the scan's lattice" in note for note in ground.notes)
+        oversample = not in_phase and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
+    samples = sample_set(ground, oversample)
+    matcher: Metric
+    if metric == "displacement":
+        matcher = DisplacementMetric(ground, samples, window, rotations, chosen_device, engine)
+    else:
+        matcher = SurfaceMetric(ground, samples, window, rotations, chosen_device)
+    rule = Selection(selection, float(factor), float(eta), float(error))
+    growth = grow_relief(
+        ground, matcher, window=window, selection=rule, order=order, bootstrap=bootstrap, seed=seed, progress=progress
+    )
+    passes = 0
+    if refine:
+        assert isinstance(matcher, DisplacementMetric)
+        passes = refine_relief(ground, matcher, growth.state, window=window, passes=refine, seed=seed)
+    settings = (
+        f"window {window} (reach {window * ground.spacing:.6g}), rotations {rotations}, metric {metric}, order {order}, "
+        f"{len(samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
+        f"grown in {growth.waves} lists; error bound {error:.6g} at first, {growth.threshold:.6g} at last; "
+        f"{growth.shrunk} windows shrunk" + (f"; {passes} refinement passes" if passes else ""),
+    )
+    return _completed(ground, growth, settings)
+
+
+def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Surface:
+    state = growth.state
+    vertices = ground.vertices.copy()
+    filled = state.textured & ~ground.measured
+    vertices[filled] = ground.foot[filled] + state.height[filled, None] * ground.normal[filled]
+    if not filled[~ground.measured].all():
+        raise IntaglioError("some targets were never reached by growth: the triangulation is in pieces without samples")
+    return Surface(
+        vertices=vertices,
+        faces=ground.faces,
+        base=ground.foot,
+        normal=ground.normal,
+        color=state.color,
+        measured=ground.measured,
+        source=state.source,
+        rotation=state.rotation,
+        error=state.error,
+        model=ground.base,
+        notes=ground.notes + settings,
+    )
+
+
+def _one_of(value: str, name: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
+
+
+def _whole(value: int, name: str, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        raise InputError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
+    return int(value)

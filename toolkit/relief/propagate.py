@@ -1,0 +1,192 @@
+"""Stage two: non-parametric propagation of relief over the completed part (both papers' algorithm)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from intaglio.errors import InputError
+from intaglio.randomness import uniform
+from intaglio.relief.prepare import Ground
+from intaglio.relief.samples import Samples
+from intaglio.topology import adjacency
+
+Array = np.ndarray
+Progress = Callable[[int, int], None]
+
+_STREAM_PICK, _STREAM_SHUFFLE = 1, 2
+
+
+@dataclass(frozen=True)
+class Selection:
+    """How a match is chosen among the candidates, and when it is accepted.
+
+    Attributes
+    ----------
+    rule : {"near-best", "best-percent"}
+        "near-best": at random among those within ``factor`` of the least error (paper 000, appendix A). "best-percent":
+        at random among the best ``eta`` percent (paper 001, section 2.2.2).
+    factor : float
+        At least 1.
+    eta : float
+        Percent, in (0, 100].
+    error : float
+        The papers' e: a match is accepted if its weighted mean squared distance is below this, in squared input units.
+    """
+
+    rule: str
+    factor: float
+    eta: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Picks:
+    """One match per target: candidate (-1 for none), and its error in squared input units."""
+
+    sample: Array
+    rotation: Array
+    error: Array
+
+
+class Metric(Protocol):
+    """Compares targets' neighbourhoods with the samples'."""
+
+    samples: Samples
+
+    def pick(self, targets: Array, window: Array, state: State, selection: Selection, draw: Array) -> Picks:
+        """Match each of ``targets`` (T,) with its window and choose one candidate by ``draw`` (T,) in [0, 1)."""
+        ...
+
+    def absorb(self, state: State) -> None:
+        """Take all textured vertices as samples (bootstrapped completion)."""
+        ...
+
+
+@dataclass
+class State:
+    """The growing surface: what each vertex carries so far."""
+
+    height: Array
+    textured: Array
+    source: Array
+    rotation: Array
+    error: Array
+    color: Array | None
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What was propagated, and how it went."""
+
+    state: State
+    waves: int
+    threshold: float
+    shrunk: int
+
+
+def grow_relief(
+    ground: Ground,
+    metric: Metric,
+    *,
+    window: int,
+    selection: Selection,
+    order: str = "wave",
+    bootstrap: bool = False,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Growth:
+    """Grow relief from the scan over all targets.
+
+    The list of untextured vertices next to textured ones is shuffled, then sorted by falling number of textured
+    neighbours. In "sequential" order its vertices are matched and filled one after the other, each seeing those before
+    it: the papers' way. In "wave" order the whole list is matched against the surface as it was when the list was made,
+    then filled at once: neighbours in one list don't see each other, a list is one search, and the result does not
+    depend on the order within it. A vertex that finds no acceptable match waits and shrinks its window by one ring (down
+    to 1); a list that fills nothing raises the error bound by 10 %.
+
+    Parameters
+    ----------
+    ground : Ground
+        From `prepare_ground`.
+    metric : Metric
+        How neighbourhoods are compared.
+    window : int
+        w, the neighbourhood's radius in edges.
+    selection : Selection
+        Choice and acceptance of matches.
+    order : {"wave", "sequential"}
+    bootstrap : bool
+        Filled vertices become samples.
+    seed : int
+    progress : callable, optional
+        Called with (filled, total) after each list.
+
+    References
+    ----------
+    Breckon & Fisher, TPAMI 2008, section 2.2.2; *Non-parametric 3D Surface Completion*, appendix A.
+    """
+    count = len(ground.measured)
+    graph = adjacency(ground.faces, count)
+    targets = ~ground.measured & (np.diff(graph.indptr) > 0)
+    state = State(
+        height=ground.height,
+        textured=ground.measured.copy(),
+        source=np.where(ground.measured, np.arange(count), -1).astype(np.int32),
+        rotation=np.zeros(count, np.float32),
+        error=np.zeros(count, np.float32),
+        color=None if ground.color is None else ground.color.copy(),
+    )
+    windows = np.full(count, window)
+    attempts = np.zeros(count, np.int64)
+    threshold = selection.error
+    total, waves, stalled = int(targets.sum()), 0, 0
+    if progress:
+        progress(0, total)
+    while True:
+        support = graph @ state.textured.astype(np.float32)
+        boundary = np.flatnonzero(targets & ~state.textured & (support > 0))
+        if len(boundary) == 0:
+            break
+        shuffled = np.lexsort([uniform(seed, _STREAM_SHUFFLE, boundary, waves), -support[boundary]])
+        boundary = boundary[shuffled]
+        now = Selection(selection.rule, selection.factor, selection.eta, threshold)
+        lists = [boundary] if order == "wave" else boundary[:, None]
+        filled = 0
+        for part in lists:
+            draw = uniform(seed, _STREAM_PICK, part, attempts[part])
+            picks = metric.pick(part, windows[part], state, now, draw)
+            accepted = (picks.sample >= 0) & (picks.error < threshold)
+            _fill(state, part[accepted], metric.samples, picks, accepted)
+            failed = part[~accepted]
+            windows[failed] = np.maximum(windows[failed] - 1, 1)
+            attempts[failed] += 1
+            filled += int(accepted.sum())
+            if bootstrap and accepted.any():
+                metric.absorb(state)
+        waves += 1
+        if progress:
+            progress(int((state.textured & targets).sum()), total)
+        if filled == 0:
+            threshold *= 1.1
+            stalled += 1
+            if stalled > 2000:
+                raise InputError(
+                    f"{len(boundary)} targets find no viable match at any error bound: the scan has too few samples for "
+                    f"window {window}; give a smaller window"
+                )
+    return Growth(state, waves, threshold, int((windows[targets] < window).sum()))
+
+
+def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepted: Array) -> None:
+    chosen = picks.sample[accepted]
+    state.height[vertices] = samples.height[chosen]
+    state.source[vertices] = samples.vertex[chosen]
+    state.rotation[vertices] = picks.rotation[accepted]
+    state.error[vertices] = picks.error[accepted]
+    if state.color is not None and samples.color is not None:
+        state.color[vertices] = samples.color[chosen]
+    state.textured[vertices] = True

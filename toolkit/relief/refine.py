@@ -1,0 +1,80 @@
+"""Refinement after growth: the filled part matched as a whole, voted on, and copied again from the samples.
+
+Growth sees only what lies behind its front, so its errors accumulate. Here every filled vertex's full neighbourhood is
+matched; each matched patch votes for the relief of all filled vertices that it covers (texture optimisation, Kwatra et
+al. 2005, over a surface). The last pass copies: every filled vertex again has one measured source.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from intaglio.randomness import uniform
+from intaglio.relief.displacement_metric import DisplacementMetric
+from intaglio.relief.prepare import Ground
+from intaglio.relief.propagate import Selection, State
+
+Array = np.ndarray
+
+_STREAM_REFINE = 3
+_SMALLEST_WINDOW = 3
+# Kwatra et al.: votes count by distance to the power r - 2 with r = 0.8, that is squared distance to -0.6.
+_ROBUST_POWER = -0.6
+
+
+def refine_relief(
+    ground: Ground, metric: DisplacementMetric, state: State, *, window: int, passes: int, seed: int
+) -> int:
+    """Refine the filled part of ``state`` in place; return the number of passes made.
+
+    Windows go from ``window`` down to half of it. Between passes the voted relief is brought back to the distribution of
+    the measured relief (averaging flattens it). The last pass copies the best match's displacement.
+
+    Parameters
+    ----------
+    ground : Ground
+    metric : DisplacementMetric
+        The metric that growth used.
+    state : State
+        Fully grown; ``height``, ``source``, ``rotation``, ``error`` and ``color`` of filled vertices change.
+    window : int
+        Rings of the first pass.
+    passes : int
+        At least 1; the last is the copying one.
+    seed : int
+    """
+    targets = np.flatnonzero(state.textured & ~ground.measured)
+    if len(targets) == 0:
+        return 0
+    copy_best = Selection("near-best", 1.0, 100.0, np.inf)
+    measured = np.sort(state.height[ground.measured])
+    last_window = max(min(_SMALLEST_WINDOW, window), window // 2)
+    for step in range(passes):
+        size = round(window + (last_window - window) * step / max(passes - 1, 1))
+        windows = np.full(len(targets), size)
+        draw = uniform(seed, _STREAM_REFINE, targets, step)
+        picks = metric.pick(targets, windows, state, copy_best, draw)
+        found = picks.sample >= 0
+        if step < passes - 1:
+            voted = metric.vote(targets[found], picks, found, size, (picks.error[found] + 1e-12) ** _ROBUST_POWER)
+            hit = np.isfinite(voted)
+            state.height[targets[hit]] = voted[hit]
+            state.height[targets] = _redistribute(state.height[targets], measured)
+        else:
+            at, chosen = targets[found], picks.sample[found]
+            state.height[at] = metric.samples.height[chosen]
+            state.source[at] = metric.samples.vertex[chosen]
+            state.rotation[at] = picks.rotation[found]
+            state.error[at] = picks.error[found]
+            if state.color is not None and metric.samples.color is not None:
+                state.color[at] = metric.samples.color[chosen]
+    return passes
+
+
+def _redistribute(height: Array, measured_sorted: Array) -> Array:
+    """Map ``height`` monotonically so that its distribution is that of the measured relief."""
+    order = np.argsort(height, kind="stable")
+    rank = (np.arange(len(height)) + 0.5) / len(height)
+    out = np.empty_like(height)
+    out[order] = np.interp(rank, (np.arange(len(measured_sorted)) + 0.5) / len(measured_sorted), measured_sorted)
+    return out

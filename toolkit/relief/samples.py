@@ -1,0 +1,87 @@
+"""The sample set: the scan's vertices, oversampled, as candidates whose relief a target may take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from intaglio.relief.base import unit
+from intaglio.relief.prepare import Ground
+from intaglio.topology import unique_edges, used_vertices
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Candidates whose relief can be carried to a target.
+
+    Attributes
+    ----------
+    vertex : (S,) int32 array
+        The measured vertex that counts as the source: itself, or the nearer end of the edge that was halved.
+    foot, u, v : (S, 3) float64 arrays
+        Base point and frame.
+    height : (S,) float64 array
+        Signed displacement.
+    color : (S, 3) float32 array or None
+    first_face : (S,) int32 array
+        A triangle at the sample.
+    """
+
+    vertex: Array
+    foot: Array
+    u: Array
+    v: Array
+    height: Array
+    color: Array | None
+    first_face: Array
+
+
+def sample_set(ground: Ground, oversample: bool) -> Samples:
+    """Return the measured vertices and, oversampled, the midpoints of all measured edges.
+
+    Halving every edge is what the 1-to-4 subdivision of every triangle adds (paper 000, section 4): samples between the
+    samples, so that a target out of phase with the scan's lattice still finds its match. A midpoint's displacement is the
+    mean of the edge's two; its colour the Gaussian-weighted mean of its four nearest measured neighbours (section 6).
+    """
+    topology = ground.topology
+    measured_face = ground.measured[ground.faces].all(axis=1)
+    vertex = np.flatnonzero(used_vertices(ground.faces[measured_face], len(ground.measured)))
+    first = topology.incident[topology.face_offsets[vertex]]
+    height = ground.height
+    foot, u = ground.foot[vertex], ground.u[vertex]
+    sample_height = height[vertex]
+    color = None if ground.color is None else ground.color[vertex]
+    if oversample:
+        edges = unique_edges(ground.faces[measured_face])
+        middle, normal = ground.base.foot(ground.foot[edges].mean(axis=1))
+        along = ground.u[edges].sum(axis=1)
+        along = unit(along - np.einsum("ij,ij->i", along, normal)[:, None] * normal)
+        # Opposite frames cancel: the first end's frame then stands for the edge.
+        lost = ~along.any(axis=1)
+        along[lost] = ground.u[edges[lost, 0]]
+        to_ends = np.linalg.norm(ground.vertices[edges] - (middle + height[edges].mean(1)[:, None] * normal)[:, None], axis=2)
+        nearer = edges[np.arange(len(edges)), np.argmin(to_ends, axis=1)]
+        if color is not None:
+            color = np.concatenate([color, _blend(ground.foot[vertex], color, middle)])
+        vertex = np.concatenate([vertex, nearer])
+        foot, u = np.concatenate([foot, middle]), np.concatenate([u, along])
+        sample_height = np.concatenate([sample_height, height[edges].mean(axis=1)])
+        first = np.concatenate([first, topology.incident[topology.face_offsets[edges[:, 0]]]])
+    normal = ground.base.foot(foot)[1]
+    return Samples(
+        vertex.astype(np.int32), foot, u, np.cross(normal, u), sample_height, color, first.astype(np.int32)
+    )
+
+
+def _blend(points: Array, color: Array, at: Array) -> Array:
+    """Colour at ``at``: Gaussian-weighted mean of the four nearest points, the width their mean distance."""
+    distance, index = cKDTree(points).query(at, k=min(4, len(points)))
+    distance, index = distance.reshape(len(at), -1), index.reshape(len(at), -1)
+    sigma = np.maximum(distance.mean(axis=1, keepdims=True), 1e-300)
+    weight = np.exp(-0.5 * (distance / sigma) ** 2)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return np.einsum("ij,ijc->ic", weight, color[index]).astype(np.float32)

@@ -1,0 +1,419 @@
+"""One triangulation of scan and completion: the missing part of the base filled with target points and triangles.
+
+The base is mapped to a plane by a conformal map (plane: its chart; cylinder: an annulus, radius exp(height / radius);
+sphere: stereographic, from a pole inside the scan). Circles stay circles to first order, so a Delaunay triangulation there
+is one on the base. The scan's border edges are constraints; the scan's own triangles are kept, not remade.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from intaglio.errors import InputError
+from intaglio.relief.base import Base, Cylinder, Plane, Sphere, perpendicular, unit
+from intaglio.topology import adjacency, border_edges, edge_keys
+
+Array = np.ndarray
+
+# A target keeps this distance (in spacings) from the scan's border and from other targets.
+_CLEARANCE = 0.7
+_RELAXATIONS = 6
+
+
+@dataclass(frozen=True)
+class Filling:
+    """The completed part of the base.
+
+    Attributes
+    ----------
+    points : (T, 3) float64 array
+        Target points on the base.
+    faces : (F, 3) int32 array
+        Triangles of the completed part; an index below the number of scan vertices is one of those, the others follow.
+    holes : int
+        How many separate regions were filled.
+    """
+
+    points: Array
+    faces: Array
+    holes: int
+
+
+class ConformalMap:
+    """Base -> plane, angles kept. ``pole`` (a unit direction seen from the centre) is sent to infinity on a sphere."""
+
+    def __init__(self, base: Base, pole: Array | None = None, middle: float = 0.0) -> None:
+        self.base = base
+        self.middle = middle
+        if isinstance(base, Sphere):
+            self.pole = np.array([0.0, 0.0, 1.0]) if pole is None else unit(np.asarray(pole, np.float64))
+            self.e1 = perpendicular(self.pole)
+            self.e2 = np.cross(self.pole, self.e1)
+
+    def __call__(self, points: Array) -> Array:
+        """Return plane coordinates (N, 2), without unit."""
+        base = self.base
+        if isinstance(base, Plane):
+            return base.chart(points)
+        if isinstance(base, Cylinder):
+            arc = base.chart(points)
+            angle, height = arc[:, 0] / base.radius, (arc[:, 1] - self.middle) / base.radius
+            return np.exp(height)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        assert isinstance(base, Sphere)
+        d = unit(np.asarray(points, np.float64) - base.center)
+        w = np.maximum(1.0 - d @ self.pole, 1e-12)
+        return np.stack([d @ self.e1, d @ self.e2], axis=1) / w[:, None]
+
+    def inverse(self, xy: Array) -> Array:
+        """Return the base points (N, 3) at plane coordinates (N, 2), for a plane or cylinder."""
+        base = self.base
+        if isinstance(base, Plane):
+            return base.from_chart(xy)
+        assert isinstance(base, Cylinder)
+        radius = np.maximum(np.linalg.norm(xy, axis=1), 1e-300)
+        angle = np.arctan2(xy[:, 1], xy[:, 0])
+        return base.from_chart(np.stack([base.radius * angle, base.radius * np.log(radius) + self.middle], axis=1))
+
+
+def fill_base(
+    base: Base,
+    vertices: Array,
+    faces: Array,
+    candidates: Array,
+    spacing: float,
+    *,
+    inside: object = None,
+    only_holes: bool = False,
+    regular: bool = False,
+) -> Filling:
+    """Triangulate what the scan leaves open of the base.
+
+    Parameters
+    ----------
+    base : Base
+        The base.
+    vertices, faces : (N, 3), (F, 3) arrays
+        The scan and its triangles.
+    candidates : (M, 3) array
+        Possible target points, spread over all of the base that may be filled at the wanted density. Those that fall
+        on the scan are dropped; gaps are closed with more.
+    spacing : float
+        Wanted distance between targets, in the input's unit.
+    inside : callable, optional
+        ``inside(points (K, 3)) -> (K,) bool``, the region to fill, for a base that has an outer border.
+    only_holes : bool
+        Fill only regions enclosed by the scan.
+    regular : bool
+        The candidates continue the scan's own lattice: leave them where they are.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to fill, or the scan covers the base twice at its border.
+    """
+    border = border_edges(faces)
+    if len(border) == 0:
+        raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
+    rim = np.unique(border)
+    feet = base.foot(vertices)[0]
+    chart_of = _chart(base, feet, faces, rim)
+    rim_xy = chart_of(feet[rim])
+    local = np.full(len(vertices), -1)
+    local[rim] = np.arange(len(rim))
+    edges = local[border]
+    clockwise = _is_clockwise(chart_of, feet, faces)
+    if clockwise:
+        edges = edges[:, ::-1]
+    _untangle(rim_xy, edges)
+    fixed = _on_edges(feet[rim], edges, 0.5 * spacing)
+    fixed_tree = cKDTree(fixed)
+
+    targets = candidates[fixed_tree.query(candidates)[0] > _CLEARANCE * spacing]
+    region = _Region(base, chart_of, feet[rim], rim_xy, edges, spacing, inside, only_holes)
+    for sweep in range(_RELAXATIONS):
+        triangles, used = region.triangulate(targets)
+        targets, triangles = _keep_used(targets, triangles, used, len(rim))
+        if sweep == _RELAXATIONS - 1:
+            break
+        if not regular:
+            targets = _relax(base, feet[rim], targets, triangles, spacing)
+        targets = _mend_density(base, feet[rim], targets, triangles, spacing, fixed_tree)
+    if len(triangles) == 0:
+        raise InputError(
+            "nothing to complete: the scan has no hole of the base inside its border"
+            if only_holes
+            else "nothing to complete: the scan covers the whole extent of its base"
+        )
+    index = np.concatenate([rim, len(vertices) + np.arange(len(targets))])
+    out = index[triangles].astype(np.int32)
+    return Filling(targets, out[:, ::-1].copy() if clockwise else out, region.count)
+
+
+class _Region:
+    """The open region in the conformal chart, bounded by the scan's border."""
+
+    def __init__(
+        self,
+        base: Base,
+        chart_of: ConformalMap,
+        rim: Array,
+        rim_xy: Array,
+        edges: Array,
+        spacing: float,
+        inside: object,
+        only_holes: bool,
+    ) -> None:
+        self.base, self.chart_of, self.rim, self.rim_xy, self.edges = base, chart_of, rim, rim_xy, edges
+        self.spacing, self.inside, self.only_holes = spacing, inside, only_holes
+        self.count = 0
+
+    def triangulate(self, targets: Array) -> tuple[Array, Array]:
+        """Return the open region's triangles over rim and targets, and which targets they use."""
+        xy = np.concatenate([self.rim_xy, self.chart_of(targets)]) if len(targets) else self.rim_xy
+        triangles, across = _constrained_delaunay(xy, self.edges)
+        count = len(xy)
+        directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+        keys = edge_keys(directed, count)
+        scan_side = np.isin(keys, edge_keys(self.edges, count)).reshape(-1, 3)
+        open_side = np.isin(keys, edge_keys(self.edges[:, ::-1], count)).reshape(-1, 3)
+        passable = (across >= 0) & ~scan_side & ~open_side
+        source, corner = np.nonzero(passable)
+        graph = coo_array(
+            (np.ones(len(source), bool), (source, across[source, corner])), shape=(len(triangles), len(triangles))
+        )
+        number, label = connected_components(graph, directed=False)
+        votes_scan = np.bincount(label, scan_side.sum(axis=1), number)
+        votes_open = np.bincount(label, open_side.sum(axis=1), number)
+        if ((votes_scan > 0) & (votes_open > 0)).any():
+            bad = int(np.flatnonzero((votes_scan > 0) & (votes_open > 0))[0])
+            where = self.rim[np.unique(triangles[(label == bad) & open_side.any(axis=1)])[0] % len(self.rim)]
+            raise InputError(
+                f"the scan covers its {self.base.kind} more than once at its border near {np.round(where, 4)}: "
+                "cut away the part that does not lie on the base, or choose another base"
+            )
+        is_open = (votes_open > 0)[label]
+        points = np.concatenate([self.rim, targets])
+        if self.only_holes:
+            is_open &= ~self._outer(label, number, across, xy, triangles, points)[label]
+        elif not isinstance(self.base, Sphere):
+            is_open &= ~self._outside(is_open, triangles, across, xy, points, passable)
+        self.count = len(np.unique(label[is_open]))
+        chosen = triangles[is_open]
+        used = np.zeros(count, bool)
+        used[chosen] = True
+        return chosen, used[len(self.rim) :]
+
+    def _outside(
+        self, is_open: Array, triangles: Array, across: Array, xy: Array, points: Array, passable: Array
+    ) -> Array:
+        """Open triangles beyond the extent, and slivers reachable from there: carved away from the outside in."""
+        corners = points[triangles]
+        beyond = np.zeros(len(triangles), bool)
+        if callable(self.inside):
+            # Seen in the chart: the disk inside a cylinder's annulus is beyond its end, though level with it in space.
+            beyond = ~np.asarray(self.inside(self.chart_of.inverse(xy[triangles].mean(axis=1))), bool)
+        thin = _circumradius(corners) > 1.5 * self.spacing
+        outside = is_open & beyond
+        # The region beyond the hull counts as outside; -1 in `across` reaches it.
+        hull = (across < 0).any(axis=1)
+        outside |= is_open & hull & thin
+        while True:
+            touches = ((across >= 0) & passable & outside[np.maximum(across, 0)]).any(axis=1)
+            new = is_open & thin & touches & ~outside
+            if not new.any():
+                return outside
+            outside |= new
+
+    def _outer(self, label: Array, number: int, across: Array, xy: Array, triangles: Array, points: Array) -> Array:
+        """Which components are the world outside the scan rather than holes in it."""
+        outer = np.zeros(number, bool)
+        if isinstance(self.base, Sphere):
+            corners = points[triangles]
+            area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+            total = 4 * np.pi * self.base.radius**2
+            return np.bincount(label, area, number) > total / 2
+        outer[np.unique(label[(across < 0).any(axis=1)])] = True
+        if isinstance(self.base, Cylinder):
+            # The annulus' inner disk is the world beyond the cylinder's lower end.
+            a, b, c = (xy[triangles[:, i]] for i in range(3))
+            holds = (_turn(a, b) >= 0) & (_turn(b, c) >= 0) & (_turn(c, a) >= 0)
+            outer[np.unique(label[holds])] = True
+        return outer
+
+
+def _turn(a: Array, b: Array) -> Array:
+    """Twice the signed area of (origin, a, b)."""
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _chart(base: Base, feet: Array, faces: Array, rim: Array) -> ConformalMap:
+    if isinstance(base, Sphere):
+        centers = feet[faces].mean(axis=1)
+        far = centers[np.argmax(cKDTree(feet[rim]).query(centers)[0])]
+        return ConformalMap(base, pole=far - base.center)
+    if isinstance(base, Cylinder):
+        height = base.chart(feet)[:, 1]
+        middle = float(height.min() + height.max()) / 2
+        if np.ptp(height) > 60 * base.radius:
+            raise InputError(f"the cylinder is too slender to unroll: height {np.ptp(height):.4g}, radius {base.radius:.4g}")
+        return ConformalMap(base, middle=middle)
+    return ConformalMap(base)
+
+
+def _is_clockwise(chart_of: ConformalMap, feet: Array, faces: Array) -> bool:
+    """Whether the scan's triangles run clockwise in the chart, by area; those across a pole or cut don't decide it."""
+    xy = chart_of(feet)
+    a, b, c = (xy[faces[:, i]] for i in range(3))
+    doubled = _turn(b - a, c - a)
+    return bool(np.sign(doubled).sum() < 0)
+
+
+def _constrained_delaunay(xy: Array, edges: Array) -> tuple[Array, Array]:
+    """Return counter-clockwise triangles (T, 3) and, per edge k -> k + 1, the triangle across it or -1."""
+    import pythoncdt as cdt
+
+    mesh = cdt.Triangulation(cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0)
+    try:
+        mesh.insert_vertices(np.ascontiguousarray(xy, np.float64))
+        mesh.insert_edges(np.unique(np.sort(edges, axis=1), axis=0).astype(np.uintc))
+        mesh.erase_super_triangle()
+    except (RuntimeError, ValueError) as error:
+        raise InputError(f"the scan's border can't be laid out on its base: {error}") from error
+    triangles = np.asarray(mesh.triangles_array()["vertices"]).astype(np.int64)
+    count = len(xy)
+    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    keys, opposite = edge_keys(directed, count), edge_keys(directed[:, ::-1], count)
+    order = np.argsort(keys)
+    at = order[np.minimum(np.searchsorted(keys, opposite, sorter=order), len(keys) - 1)]
+    return triangles, np.where(keys[at] == opposite, at // 3, -1).reshape(-1, 3)
+
+
+def _on_edges(points: Array, edges: Array, step: float) -> Array:
+    """Return points along the border edges, at most ``step`` apart, corners included."""
+    a, b = points[edges[:, 0]], points[edges[:, 1]]
+    parts = np.maximum(1, np.ceil(np.linalg.norm(b - a, axis=1) / step)).astype(int)
+    which = np.repeat(np.arange(len(edges)), parts)
+    t = (np.arange(len(which)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[which]
+    return a[which] + t[:, None] * (b - a)[which]
+
+
+def _keep_used(targets: Array, triangles: Array, used: Array, rim_count: int) -> tuple[Array, Array]:
+    renumber = np.concatenate([np.arange(rim_count), rim_count + np.cumsum(used) - 1])
+    return targets[used], renumber[triangles]
+
+
+def _relax(base: Base, rim: Array, targets: Array, triangles: Array, spacing: float) -> Array:
+    """Move every target half way to the centroid of its neighbours, along the base."""
+    if len(targets) == 0:
+        return targets
+    points = np.concatenate([rim, targets])
+    graph = adjacency(triangles, len(points))
+    degree = np.maximum(np.diff(graph.indptr), 1)
+    centroid = (graph @ points) / degree[:, None]
+    step = 0.5 * (centroid[len(rim) :] - targets)
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    step *= np.minimum(1.0, 0.3 * spacing / np.maximum(length, 1e-300))
+    # A target on the extent's outer border would shrink inwards: it stays.
+    border = np.unique(border_edges(triangles))
+    free = np.ones(len(points), bool)
+    free[border] = False
+    return base.foot(np.where(free[len(rim) :, None], targets + step, targets))[0]
+
+
+def _mend_density(base: Base, rim: Array, targets: Array, triangles: Array, spacing: float, fixed: cKDTree) -> Array:
+    """Add a target where a triangle is far too large, drop one where two are far too close."""
+    points = np.concatenate([rim, targets])
+    corners = points[triangles]
+    large = _circumradius(corners) > 0.95 * spacing
+    extra = base.foot(_circumcenter(corners[large]))[0]
+    if len(extra):
+        extra = extra[np.isfinite(extra).all(axis=1)]
+        extra = extra[fixed.query(extra)[0] > _CLEARANCE * spacing]
+    if len(extra):
+        # A circumcentre far outside its own triangle (a sliver's) is no place for a point.
+        reach = cKDTree(corners[large].mean(axis=1)).query(extra)[0]
+        extra = extra[reach < 2 * spacing]
+    pool = np.concatenate([targets, extra])
+    if len(pool) == 0:
+        return pool
+    keep = fixed.query(pool)[0] > 0.9 * _CLEARANCE * spacing
+    pool = pool[keep]
+    drop = np.zeros(len(pool), bool)
+    for a, b in sorted(cKDTree(pool).query_pairs(0.9 * _CLEARANCE * spacing)):
+        if not drop[a]:
+            drop[b] = True
+    return pool[~drop]
+
+
+def _circumradius(corners: Array) -> Array:
+    a = np.linalg.norm(corners[:, 1] - corners[:, 2], axis=1)
+    b = np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)
+    c = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return a * b * c / np.maximum(2 * doubled, 1e-300)
+
+
+def _circumcenter(corners: Array) -> Array:
+    a = corners[:, 0]
+    ab, ac = corners[:, 1] - a, corners[:, 2] - a
+    n = np.cross(ab, ac)
+    square = np.einsum("ij,ij->i", n, n)[:, None]
+    lab, lac = (np.einsum("ij,ij->i", v, v)[:, None] for v in (ab, ac))
+    return a + (lac * np.cross(n, ab) + lab * np.cross(ac, n)) / np.maximum(2 * square, 1e-300)
+
+
+def _untangle(xy: Array, edges: Array) -> None:
+    """Smooth the border's chart positions, in place, where noise makes it cross itself.
+
+    Only the layout is smoothed; the surface keeps its vertices. The places are single knots of a few edges where relief or
+    noise folds over the border; a border that still crosses afterwards is reported by the triangulation.
+    """
+    graph = coo_array((np.ones(2 * len(edges)), (edges.T.reshape(-1), edges[:, ::-1].T.reshape(-1)))).tocsr()
+    degree = np.maximum(np.diff(graph.indptr), 1)
+    for _ in range(100):
+        knots = _crossing(xy, edges)
+        if len(knots) == 0:
+            return
+        near = np.zeros(len(xy))
+        near[np.unique(edges[knots])] = 1
+        near = (near + graph @ near) > 0
+        centroid = (graph @ xy) / degree[:, None]
+        xy[near] += 0.5 * (centroid - xy)[near]
+
+
+def _crossing(xy: Array, edges: Array) -> Array:
+    """Return the border edges that cross another one (sharing a vertex is no crossing)."""
+    a, b = xy[edges[:, 0]], xy[edges[:, 1]]
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    order = np.argsort(low[:, 0])
+    last = np.searchsorted(low[order, 0], high[order, 0], side="right")
+    counts = np.maximum(last - np.arange(len(order)) - 1, 0)
+    bad: set[int] = set()
+    start = 0
+    while start < len(order):
+        # Pairs are taken in blocks of a bounded number, whatever the border's length.
+        stop = max(start + 1, int(np.searchsorted(np.cumsum(counts[start:]), 4_000_000)) + start)
+        i = np.repeat(np.arange(start, min(stop, len(order))), counts[start:stop])
+        begin = np.repeat(np.cumsum(counts[start:stop]) - counts[start:stop], counts[start:stop])
+        j = i + 1 + np.arange(len(i)) - begin
+        p, q = order[i], order[j]
+        overlap = (low[p, 1] <= high[q, 1]) & (low[q, 1] <= high[p, 1])
+        p, q = p[overlap], q[overlap]
+        shared = (edges[p][:, :, None] == edges[q][:, None, :]).any(axis=(1, 2))
+        p, q = p[~shared], q[~shared]
+        d1, d2 = _side(a[p], b[p], a[q]), _side(a[p], b[p], b[q])
+        d3, d4 = _side(a[q], b[q], a[p]), _side(a[q], b[q], b[p])
+        hit = (d1 * d2 <= 0) & (d3 * d4 <= 0)
+        bad.update(p[hit].tolist())
+        bad.update(q[hit].tolist())
+        start = stop
+    return np.array(sorted(bad), int)
+
+
+def _side(a: Array, b: Array, c: Array) -> Array:
+    return np.sign(_turn(b - a, c - a))

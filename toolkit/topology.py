@@ -1,0 +1,127 @@
+"""Connectivity of triangle meshes: edges, borders, pieces, neighbours. Pure index work on faces (F, 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
+
+Array = np.ndarray
+
+
+def directed_edges(faces: Array) -> Array:
+    """Return the 3F directed edges (3F, 2) of the faces, corner by corner."""
+    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+
+
+def edge_keys(edges: Array, count: int) -> Array:
+    """Return one int64 per directed edge (E, 2) of a mesh with ``count`` vertices."""
+    return edges[:, 0].astype(np.int64) * count + edges[:, 1]
+
+
+def unique_edges(faces: Array) -> Array:
+    """Return each undirected edge once, (E, 2) with the smaller index first."""
+    if len(faces) == 0:
+        return np.zeros((0, 2), np.int32)
+    return np.unique(np.sort(directed_edges(faces), axis=1), axis=0)
+
+
+def border_edges(faces: Array) -> Array:
+    """Return directed edges (B, 2) that have a face on their left and none on their right."""
+    edges = directed_edges(faces)
+    count = int(faces.max()) + 1 if len(faces) else 0
+    keys, opposite = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
+    return edges[~np.isin(keys, opposite)]
+
+
+def border_loops(faces: Array) -> list[Array]:
+    """Return the closed border loops as arrays of vertex indices, longest first.
+
+    At a vertex where the border touches itself the walk stays on the fan of faces it is on, as far as the index order
+    tells; every border edge belongs to exactly one loop.
+    """
+    following: dict[int, list[int]] = {}
+    for a, b in border_edges(faces):
+        following.setdefault(int(a), []).append(int(b))
+    loops = []
+    while following:
+        start = next(iter(following))
+        loop, here = [], start
+        while here in following:
+            loop.append(here)
+            ahead = following[here]
+            nxt = ahead.pop()
+            if not ahead:
+                del following[here]
+            here = nxt
+        loops.append(np.array(loop, np.int32))
+    return sorted(loops, key=len, reverse=True)
+
+
+def pieces(faces: Array, count: int) -> tuple[int, Array]:
+    """Return the number of connected pieces and the piece (count,) of every vertex; unused vertices are pieces of one."""
+    e = directed_edges(faces)
+    graph = coo_array((np.ones(len(e), bool), (e[:, 0], e[:, 1])), shape=(count, count))
+    number, label = connected_components(graph, directed=False)
+    return int(number), label
+
+
+@dataclass(frozen=True)
+class Topology:
+    """Neighbour tables of a triangle mesh, in the compressed form that kernels read.
+
+    Attributes
+    ----------
+    offsets, neighbours : (N + 1,), (E,) int32 arrays
+        Vertices joined to vertex i by an edge: ``neighbours[offsets[i]:offsets[i + 1]]``, ascending.
+    face_offsets, incident : (N + 1,), (3F,) int32 arrays
+        Faces at vertex i, likewise.
+    across : (F, 3) int32 array
+        The face on the other side of the edge from corner k to corner k + 1, or -1.
+    """
+
+    offsets: Array
+    neighbours: Array
+    face_offsets: Array
+    incident: Array
+    across: Array
+
+    @classmethod
+    def of(cls, faces: Array, count: int) -> Topology:
+        """Build the tables for ``faces`` (F, 3) over ``count`` vertices."""
+        graph = adjacency(faces, count)
+        corner_vertex = faces.reshape(-1)
+        order = np.argsort(corner_vertex, kind="stable")
+        face_offsets = np.zeros(count + 1, np.int32)
+        np.cumsum(np.bincount(corner_vertex, minlength=count), out=face_offsets[1:])
+        edges = directed_edges(faces)
+        keys, opposite = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
+        sorter = np.argsort(keys, kind="stable")
+        at = np.searchsorted(keys, opposite, sorter=sorter)
+        hit = sorter[np.minimum(at, len(keys) - 1)] if len(keys) else at
+        across = np.where(keys[hit] == opposite, hit // 3, -1) if len(keys) else at
+        return cls(
+            graph.indptr.astype(np.int32),
+            graph.indices.astype(np.int32),
+            face_offsets,
+            (order // 3).astype(np.int32),
+            across.reshape(-1, 3).astype(np.int32),
+        )
+
+
+def adjacency(faces: Array, count: int) -> csr_array:
+    """Return the symmetric vertex adjacency as a sparse matrix of ones with sorted indices."""
+    e = unique_edges(faces)
+    both = np.concatenate([e, e[:, ::-1]])
+    graph = csr_array((np.ones(len(both), np.float32), (both[:, 0], both[:, 1])), shape=(count, count))
+    graph.sort_indices()
+    return graph
+
+
+def used_vertices(faces: Array, count: int) -> Array:
+    """Return which of ``count`` vertices some face uses, (count,) bool."""
+    used = np.zeros(count, bool)
+    used[faces.reshape(-1)] = True
+    return used
