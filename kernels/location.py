@@ -154,11 +154,15 @@ def gather_kernel(
     faces: wp.array2d(dtype=wp.int32),
     height: wp.array(dtype=float),
     textured: wp.array(dtype=wp.uint8),
+    least: float,
     # output
     value: wp.array2d(dtype=float),
     known: wp.array2d(dtype=float),
 ):
-    """Interpolate heights at the located grid points; known (1 or 0) where all three corners are textured."""
+    """Interpolate heights at the located grid points from their triangles' textured corners.
+
+    A point is known (1, else 0) where those corners carry at least ``least`` of the barycentric weight.
+    """
     i = start + wp.tid()
     row = rows[i]
     for k in range(face.shape[1]):
@@ -169,9 +173,13 @@ def gather_kernel(
             a = faces[f, 0]
             b = faces[f, 1]
             c = faces[f, 2]
-            if textured[a] != wp.uint8(0) and textured[b] != wp.uint8(0) and textured[c] != wp.uint8(0):
-                w = weight[row, k]
-                h = w[0] * height[a] + w[1] * height[b] + (1.0 - w[0] - w[1]) * height[c]
+            w = weight[row, k]
+            wa = w[0] * float(textured[a])
+            wb = w[1] * float(textured[b])
+            wc = (1.0 - w[0] - w[1]) * float(textured[c])
+            total = wa + wb + wc
+            if total >= least:
+                h = (wa * height[a] + wb * height[b] + wc * height[c]) / total
                 m = float(1.0)
         value[i, k] = h
         known[i, k] = m
@@ -256,9 +264,17 @@ class GridLocator:
         return face, weight
 
     def gather(
-        self, rows: np.ndarray, located: tuple[wp.array, wp.array], height: wp.array, textured: wp.array
+        self,
+        rows: np.ndarray,
+        located: tuple[wp.array, wp.array],
+        height: wp.array,
+        textured: wp.array,
+        least: float = 0.999,
     ) -> tuple[wp.array, wp.array]:
-        """Return interpolated heights and known flags, both (len(rows), G) float32, at rows of ``located``."""
+        """Return interpolated heights and known flags, both (len(rows), G) float32, at rows of ``located``.
+
+        ``least``: share of the barycentric weight that textured corners must carry for a point to be known.
+        """
         face, weight = located
         shape = (len(rows), face.shape[1])
         value = wp.empty(shape, dtype=float, device=self.device)
@@ -267,8 +283,64 @@ class GridLocator:
         launch(
             gather_kernel,
             len(rows),
-            inputs=[index, face, weight, self.faces, height, textured],
+            inputs=[index, face, weight, self.faces, height, textured, float(least)],
             outputs=[value, known],
             device=self.device,
         )
         return value, known
+
+
+@wp.kernel
+def height_above_kernel(
+    start: int,
+    foot: wp.array(dtype=wp.vec3),
+    normal: wp.array(dtype=wp.vec3),
+    mesh: wp.uint64,
+    reach: float,
+    # output
+    height: wp.array(dtype=float),
+):
+    """Signed distance along the normal from a base point to the nearest crossing of a mesh; NaN where there is none."""
+    i = start + wp.tid()
+    up = wp.mesh_query_ray(mesh, foot[i], normal[i], reach)
+    down = wp.mesh_query_ray(mesh, foot[i], -normal[i], reach)
+    h = float(wp.nan)
+    if up.result:
+        h = up.t
+    if down.result and (not up.result or down.t < up.t):
+        h = -down.t
+    height[i] = h
+
+
+def height_above(
+    foot: np.ndarray, normal: np.ndarray, vertices: np.ndarray, faces: np.ndarray, reach: float, device: str
+) -> np.ndarray:
+    """Return the relief (M,) of a mesh above base points: where the normal's line meets it within ``reach``, else NaN.
+
+    Parameters
+    ----------
+    foot, normal : (M, 3) arrays
+        Base points and unit normals.
+    vertices, faces : (N, 3), (F, 3) arrays
+        The mesh, in the same coordinates; they are moved to its centre before single precision is used.
+    reach : float
+        How far to look on either side, in the same unit.
+    device : str
+        From `choose_device`.
+    """
+    center = vertices.mean(axis=0)
+
+    def vectors(a: np.ndarray) -> wp.array:
+        return wp.array(np.ascontiguousarray(a, np.float32), dtype=wp.vec3, device=device)
+
+    indices = wp.array(np.ascontiguousarray(faces, np.int32).reshape(-1), dtype=wp.int32, device=device)
+    mesh = wp.Mesh(points=vectors(vertices - center), indices=indices)
+    height = wp.empty(len(foot), dtype=float, device=device)
+    launch(
+        height_above_kernel,
+        len(foot),
+        inputs=[vectors(foot - center), vectors(normal), mesh.id, float(reach)],
+        outputs=[height],
+        device=device,
+    )
+    return height.numpy().astype(np.float64)

@@ -41,8 +41,8 @@ def ball(frequency: int = 4, subdivisions: int = 7, coverage: float = 0.86) -> S
     radius = 0.5 * coverage * gaps.min()
     chord, _ = _nearest(centers, np.asarray(sphere.vertices))
     angle = 2 * np.arcsin(np.clip(chord / 2, 0, 1))
-    # A cap with a rounded rim: (1 - x^2)^2 has no crease where it meets the ball.
-    depth = DEPTH * np.clip(1 - (angle / radius) ** 2, 0, 1) ** 1.5
+    # A cap whose rim is a little rounded.
+    depth = DEPTH * np.clip(1 - (angle / radius) ** 2, 0, 1) ** 1.2
     return Surface(vertices=sphere.vertices * (RADIUS - depth)[:, None], faces=np.asarray(sphere.faces))
 
 

@@ -1,0 +1,36 @@
+"""Intaglio completes, synthesises and relights the fine surface texture of real objects."""
+
+from intaglio.errors import DependencyError, FileError, FitError, InputError, IntaglioError, IntaglioWarning
+from intaglio.images import read_exr, read_image, write_exr, write_image
+from intaglio.mesh_files import read_surface, write_surface
+from intaglio.relief.base import Base, Cylinder, Plane, Sphere
+from intaglio.relief.complete import complete_relief
+from intaglio.relief.fit import fit_base
+from intaglio.surface import Surface, surface_from_points, surface_from_range_image
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Base",
+    "Cylinder",
+    "DependencyError",
+    "FileError",
+    "FitError",
+    "InputError",
+    "IntaglioError",
+    "IntaglioWarning",
+    "Plane",
+    "Sphere",
+    "Surface",
+    "__version__",
+    "complete_relief",
+    "fit_base",
+    "read_exr",
+    "read_image",
+    "read_surface",
+    "surface_from_points",
+    "surface_from_range_image",
+    "write_exr",
+    "write_image",
+    "write_surface",
+]

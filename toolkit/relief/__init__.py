@@ -1,0 +1,1 @@
+"""Completing missing relief: Breckon & Fisher's two stages."""

@@ -51,6 +51,8 @@ class BaseFit:
         For every kind that was tried: rms residual and score (lower is better).
     ambiguous : bool
         True where another kind explains the points about as well.
+    poor : bool
+        True where the residual is too large a share of the scan's size to be relief: the shape is another one.
     note : str
         One sentence for the user: what was chosen and why, or between what the data does not decide.
     """
@@ -59,6 +61,7 @@ class BaseFit:
     robust_scale: float
     candidates: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     ambiguous: bool = False
+    poor: bool = False
     note: str = ""
 
 

@@ -18,8 +18,8 @@ Array = np.ndarray
 class DisplacementMetric:
     """Relief as a height over a grid in the tangent plane, laid on the base by its exponential map.
 
-    The grid is located on the base's triangulation once per vertex; what is compared are heights interpolated there. A
-    grid point counts as textured where all three corners of its triangle are. A candidate is viable only if it has
+    The grid is located on the base's triangulation once per vertex; what is compared are heights interpolated there. A grid
+    point counts as textured where all corners that carry its triangle's weight are. A candidate is viable only if it has
     every grid point that the target has (the papers' rule that every partner be textured).
 
     Parameters
@@ -41,9 +41,9 @@ class DisplacementMetric:
         self.samples = samples
         self.device, self.engine = device, engine
         self._ground = ground
-        offsets, self._ring, self._permutation = polar_grid(window, rotations)
+        offsets, self._ring, self._permutation = polar_grid(max(window, 2), rotations)
         self._offsets = offsets * np.float32(ground.spacing)
-        self._ring_weight = gaussian_weights(self._ring, window, rotations)
+        self._ring_weight = gaussian_weights(self._ring, max(window, 2))
         self._rotations = rotations
         # float32 is enough near the origin, whatever the survey's coordinates.
         self._center = ground.foot.mean(axis=0)
@@ -105,9 +105,16 @@ class DisplacementMetric:
     def neighbourhoods(self, targets: Array, window: Array, state: State) -> tuple[Array, Array, Array]:
         """Return heights (T, G) and weights (T, G) that sum to 1 over what is known, and (T,) whether anything is."""
         value, known = self._locator.gather(
-            self._row[targets], self._target_grid, self._heights(state.height), self._textured(state.textured)
+            self._row[targets],
+            self._target_grid,
+            self._heights(state.height),
+            self._textured(state.textured),
         )
-        weight = known.numpy() * self._ring_weight * (self._ring <= window[:, None])
+        known_here = known.numpy() > 0
+        # The ring next to a target lies in triangles that have the target itself as a corner: a window that shrinks to it
+        # reaches on to the nearest ring where anything is known.
+        nearest = np.where(known_here, self._ring, self._ring[-1]).min(axis=1)
+        weight = known_here * self._ring_weight * (self._ring <= np.maximum(window, nearest)[:, None])
         total = weight.sum(axis=1, keepdims=True)
         return value.numpy(), weight / np.maximum(total, 1e-30), total[:, 0] > 0
 
@@ -175,7 +182,7 @@ class DisplacementMetric:
         return wp.array(textured.astype(np.uint8), dtype=wp.uint8, device=self.device)
 
 
-def gaussian_weights(ring: Array, window: int, rotations: int) -> Array:
+def gaussian_weights(ring: Array, window: int) -> Array:
     """Weights (G,) of the grid: a Gaussian of the distance, times the area that a grid point stands for.
 
     The papers leave the Gaussian's width open; Efros & Leung take a window of 6.4 sigma, which is followed here.

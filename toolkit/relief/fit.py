@@ -20,6 +20,8 @@ _INDEPENDENT_SAMPLES = 200
 # Two kinds whose scores differ by less than this are not told apart by the data (10 on the criterion's scale is the
 # usual mark of strong evidence).
 _AMBIGUITY = 10.0
+# A residual above this share of the scan's diagonal is shape, not relief.
+_POOR = 0.04
 _FIT_POINTS = 6_000
 
 
@@ -99,7 +101,11 @@ def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
         ambiguous = bool(margin < _AMBIGUITY)
         verdict = "not told apart by the data" if ambiguous else "clear"
         note += f"; next {rival} with {table[rival][0]:.6g} ({verdict}, score margin {margin:.1f})"
-    return replace(best, fit=replace(best.fit, candidates=table, ambiguous=ambiguous, note=note))
+    extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    poor = best.fit.rms > _POOR * extent
+    if poor:
+        note += f"; poor fit, the residual is {best.fit.rms / extent:.0%} of the scan's diagonal"
+    return replace(best, fit=replace(best.fit, candidates=table, ambiguous=ambiguous, poor=poor, note=note))
 
 
 def _checked(points: Array) -> Array:

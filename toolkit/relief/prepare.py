@@ -201,6 +201,11 @@ def _base_of(points: Array, base: Base | str, notes: list[str]) -> Base:
     if fitted.fit.ambiguous:
         table = ", ".join(f"{k} rms {v[0]:.6g}" for k, v in sorted(fitted.fit.candidates.items()))
         raise FitError(f"the scan does not decide its base ({table}): say which it is, base='plane', 'cylinder' or 'sphere'")
+    if fitted.fit.poor and base == "auto":
+        raise FitError(
+            f"no plane, cylinder or sphere carries this scan ({fitted.fit.note}): cut out the part that one does carry, or "
+            f"say which to use all the same, base='{fitted.kind}'"
+        )
     notes += [f"base fitted: {fitted.describe()}", fitted.fit.note]
     return fitted
 

@@ -1,0 +1,83 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from intaglio.errors import FileError
+
+
+def check_readable(path: str | os.PathLike[str]) -> Path:
+    """Return ``path`` as a Path, or raise `FileError` saying why it can't be read."""
+    path = Path(path)
+    if not path.exists():
+        raise FileError(f"{path}: no such file")
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder, a file is needed")
+    if not os.access(path, os.R_OK):
+        raise FileError(f"{path}: may not be read (permissions)")
+    if path.stat().st_size == 0:
+        raise FileError(f"{path}: the file is empty")
+    return path
+
+
+def check_writable(path: str | os.PathLike[str], *, inputs: tuple[str | os.PathLike[str], ...] = ()) -> Path:
+    """Return ``path`` as a Path, or raise `FileError` if it can't be written; to be asked before the work, not after it.
+
+    Parameters
+    ----------
+    path : path
+        The output to come; its folder must exist.
+    inputs : tuple of path
+        Files that must not be overwritten.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; give the name of a file in it")
+    folder = path.parent
+    if not folder.is_dir():
+        raise FileError(f"{path}: the folder {folder} does not exist; make it first")
+    for given in inputs:
+        if path.exists() and Path(given).exists() and os.path.samefile(path, given):
+            raise FileError(f"{path}: is the input itself; inputs are never overwritten, give another output")
+    try:
+        # The only sure test, also for root and on read-only file systems.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise FileError(f"{path}: the folder {folder} can't be written to ({error.strerror})") from error
+    if path.exists() and not os.access(path, os.W_OK):
+        raise FileError(f"{path}: exists and may not be overwritten (permissions)")
+    return path
+
+
+@contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a path beside ``path`` to write to; renamed to ``path`` at the end, removed if anything goes wrong.
+
+    Raises
+    ------
+    FileError
+        If writing fails (disk full, folder gone); ``path`` is then as it was.
+    """
+    path = Path(path)
+    check_writable(path)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    beside = Path(name)
+    try:
+        yield beside
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(beside, 0o666 & ~umask)
+        os.replace(beside, path)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{path}: could not be written ({error.strerror or error})") from error
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,0 +1,220 @@
+"""Reading and writing images: linear float32 inside, EXR with named channels."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.errors import FileError, InputError
+from intaglio.files import check_readable, whole_file
+from intaglio.render.compare import decode_srgb, encode_srgb
+from intaglio.render.variant import mitsuba
+
+Array = np.ndarray
+
+
+def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> Array:
+    """Read an image as linear float32.
+
+    Parameters
+    ----------
+    path : path
+        PNG, JPEG or TIFF with 8 or 16 bits (or a float TIFF), or EXR.
+    linear : bool, optional
+        Whether the stored values are linear already. Default: 8-bit colour is decoded from sRGB; 16-bit, float and
+        grey 8-bit values of a TIFF or EXR are taken as they are, scaled to [0, 1].
+
+    Returns
+    -------
+    (H, W) or (H, W, C) float32 array
+        Row 0 is the top. C is 3, or 4 with alpha (never decoded); an EXR gives R, G, B(, A) or its single channel.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or of no known kind.
+    """
+    path = check_readable(path)
+    reader = _readers.get(path.suffix.lower())
+    if reader is None:
+        raise FileError(f"{path}: unknown image type {path.suffix!r}; known: {', '.join(sorted(_readers))}")
+    try:
+        raw = reader(path)
+    except FileError:
+        raise
+    except Exception as error:
+        raise FileError(f"{path}: is no readable {path.suffix[1:].upper()} image ({error})") from error
+    if raw.ndim not in (2, 3) or raw.size == 0 or (raw.ndim == 3 and raw.shape[2] > 4):
+        raise FileError(f"{path}: has shape {raw.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
+    if raw.ndim == 3 and raw.shape[2] == 1:
+        raw = raw[:, :, 0]
+    eight_bit = raw.dtype == np.uint8
+    if np.issubdtype(raw.dtype, np.integer):
+        values = raw.astype(np.float32) / np.float32(np.iinfo(raw.dtype).max)
+    elif raw.dtype == bool:
+        values = raw.astype(np.float32)
+    else:
+        values = raw.astype(np.float32)
+    if linear is None:
+        linear = not eight_bit
+    if not linear:
+        colours = values[..., :3] if values.ndim == 3 and values.shape[2] >= 3 else values
+        decoded = decode_srgb(colours)
+        if values.ndim == 3 and values.shape[2] == 4:
+            decoded = np.concatenate([decoded, values[..., 3:]], axis=2)
+        values = decoded
+    return np.ascontiguousarray(values, np.float32)
+
+
+def write_image(
+    image: Array, path: str | os.PathLike[str], *, bits: int = 8, linear: bool | None = None, quality: int = 95
+) -> None:
+    """Write a linear image.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        Linear values; clipped to [0, 1] in all but EXR.
+    path : path
+        The suffix decides: .png, .jpg, .jpeg, .tif, .tiff, .exr.
+    bits : {8, 16}
+        Of PNG and TIFF. JPEG has 8, EXR 32-bit floats.
+    linear : bool, optional
+        Store the linear values as they are. Default: 8 bits are encoded to sRGB, everything else is stored linear.
+    quality : int
+        Of JPEG.
+
+    Raises
+    ------
+    InputError
+        For a shape that is no image, values that are not finite, or bits that the type does not have.
+    FileError
+        If the file can't be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    image = np.asarray(image)
+    if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {image.shape}")
+    if not np.isfinite(image).all():
+        raise InputError(f"{path}: the image has values that are not finite")
+    if kind == ".exr":
+        names = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
+        planes = image[:, :, None] if image.ndim == 2 else image
+        write_exr({n: planes[:, :, i] for i, n in enumerate(names[planes.shape[2]])}, path)
+        return
+    if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
+        raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")
+    if bits not in (8, 16) or (bits == 16 and kind in (".jpg", ".jpeg")):
+        raise InputError(f"{path}: {bits} bits are not to be had in {kind}; PNG and TIFF have 8 or 16, JPEG 8")
+    if linear is None:
+        linear = bits == 16
+    values = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+    shown = np.clip(values, 0, 1) if linear else encode_srgb(values)
+    if not linear and values.ndim == 3 and values.shape[2] == 4:
+        shown = np.concatenate([shown[..., :3], np.clip(values[..., 3:], 0, 1)], axis=2)
+    stored = np.round(shown * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    with whole_file(path) as beside:
+        if kind in (".tif", ".tiff"):
+            import tifffile
+
+            photometric = "rgb" if stored.ndim == 3 else "minisblack"
+            tifffile.imwrite(beside, stored, photometric=photometric)
+        elif bits == 16:
+            # Pillow has no 16-bit colour; it would write 8 bits without a word.
+            mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))
+        else:
+            from PIL import Image
+
+            if kind in (".jpg", ".jpeg") and stored.ndim == 3 and stored.shape[2] == 4:
+                raise InputError(f"{path}: JPEG has no alpha channel; write PNG or drop it")
+            options = {"quality": quality, "subsampling": 0} if kind in (".jpg", ".jpeg") else {}
+            Image.fromarray(stored).save(beside, **options)
+
+
+def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, Array], dict[str, object]]:
+    """Read every channel of an EXR by name, (H, W) float32, and its header's attributes."""
+    import OpenEXR
+
+    path = check_readable(path)
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {n: np.asarray(c.pixels, np.float32) for n, c in file.channels().items()}
+            header = dict(file.header())
+    except Exception as error:
+        raise FileError(f"{path}: is no readable EXR image ({error})") from error
+    return channels, header
+
+
+def write_exr(
+    channels: Mapping[str, Array], path: str | os.PathLike[str], *, metadata: Mapping[str, object] | None = None
+) -> None:
+    """Write named channels, all (H, W), as 32-bit floats (ZIP-compressed), with text or number ``metadata``.
+
+    Raises
+    ------
+    InputError
+        If channels are missing or differ in shape.
+    """
+    import OpenEXR
+
+    planes = {n: np.ascontiguousarray(c, np.float32) for n, c in channels.items()}
+    shapes = {p.shape for p in planes.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2:
+        raise InputError(f"{path}: EXR channels must all be (H, W) of one size, not {sorted(shapes)}")
+    header: dict[str, object] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header.update(metadata or {})
+    with whole_file(path) as beside, OpenEXR.File(header, planes) as file:
+        file.write(str(beside))
+
+
+def _read_png(path: Path) -> Array:
+    from PIL import Image
+
+    with open(path, "rb") as file:
+        head = file.read(26)
+    if head[:8] != b"\x89PNG\r\n\x1a\n":
+        raise FileError(f"{path}: its content is not PNG, whatever its name says")
+    if head[24] == 16:
+        # Pillow reads 16-bit colour as 8 bits without a word.
+        return np.asarray(mitsuba().Bitmap(str(path)))
+    with Image.open(path) as image:
+        has_alpha = "A" in image.mode or "transparency" in image.info
+        grey = image.mode in ("1", "L", "LA") and not has_alpha
+        return np.asarray(image.convert("L" if grey else "RGBA" if has_alpha else "RGB"))
+
+
+def _read_jpeg(path: Path) -> Array:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
+
+
+def _read_tiff(path: Path) -> Array:
+    import tifffile
+
+    return np.asarray(tifffile.imread(path))
+
+
+def _read_exr_image(path: Path) -> Array:
+    channels, _ = read_exr(path)
+    if {"R", "G", "B"} <= channels.keys():
+        names = ["R", "G", "B", *(["A"] if "A" in channels else [])]
+        return np.stack([channels[n] for n in names], axis=-1)
+    if len(channels) == 1:
+        return next(iter(channels.values()))
+    raise FileError(f"{path}: has channels {', '.join(sorted(channels))}, no R, G, B; read them by name with read_exr")
+
+
+_readers: dict[str, Callable[[Path], Array]] = {
+    ".png": _read_png,
+    ".jpg": _read_jpeg,
+    ".jpeg": _read_jpeg,
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+    ".exr": _read_exr_image,
+}

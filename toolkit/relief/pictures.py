@@ -1,0 +1,94 @@
+"""Pictures of a completion: clay under raking light, provenance, colour-coded difference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from intaglio.render.view import CLAY, Camera, Light, frame, view
+from intaglio.surface import Surface
+
+Array = np.ndarray
+
+FILLED_TINT = (0.25, 0.42, 0.6)
+
+
+def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
+    """Return (name, direction, up) of three views: the measured part, across the seam, the filled part."""
+    normal = surface.normal
+    seen, made = (normal[m].mean(axis=0) if m.any() else np.zeros(3) for m in (surface.measured, ~surface.measured))
+    kind = surface.model.kind if surface.model is not None else "plane"
+    front = _unit(seen) if np.linalg.norm(seen) > 1e-3 else _unit(normal[surface.measured][0])
+    if kind == "plane":
+        u = np.cross(front, np.eye(3)[np.argmin(np.abs(front))])
+        up = _unit(np.cross(u, front))
+        oblique = _unit(front + 0.8 * _unit(u) - 0.5 * up)
+        return [("from the front", front, up), ("obliquely", oblique, up), ("from the other side", _unit(front - 0.8 * _unit(u)), up)]
+    axis = getattr(surface.model, "axis", None)
+    up = np.eye(3)[np.argmin(np.abs(front))] if axis is None else np.asarray(axis)
+    up = _unit(up - (up @ front) * front)
+    side = np.cross(up, front)
+    back = _unit(made) if np.linalg.norm(made) > 1e-3 else -front
+    if back @ front > 0.9:
+        # A hole among the measured: the side views look at it from left and right.
+        return [("the hole", back, up), ("from one side", _unit(back + side), up), ("from the other side", _unit(back - side), up)]
+    lift = 0.25 * up if axis is not None else 0.15 * up
+    return [("the scanned side", front + lift, up), ("across the seam", side + lift, up), ("the completed side", back + lift, up)]
+
+
+def clay_pictures(
+    surface: Surface, directions: list[tuple[str, Array, Array]], *, size: tuple[int, int] = (480, 480), light: Light = Light()  # noqa: B008
+) -> list[Array]:
+    """Return linear clay renderings (H, W, 3) of ``surface``, in its colours if it has any."""
+    used = np.unique(surface.faces)
+    cameras = [frame(surface.vertices[used], d, up=up, margin=1.05) for _, d, up in directions]
+    return [picture(surface, camera, colors=surface.color, size=size, light=light) for camera in cameras]
+
+
+def provenance_pictures(
+    surface: Surface, directions: list[tuple[str, Array, Array]], *, size: tuple[int, int] = (480, 480)
+) -> list[Array]:
+    """Return renderings with the measured part in clay and the filled part in blue."""
+    colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
+    used = np.unique(surface.faces)
+    cameras = [frame(surface.vertices[used], d, up=up, margin=1.05) for _, d, up in directions]
+    return [picture(surface, camera, colors=colors, size=size) for camera in cameras]
+
+
+def difference_pictures(
+    surface: Surface,
+    difference: Array,
+    directions: list[tuple[str, Array, Array]],
+    *,
+    limit: float,
+    size: tuple[int, int] = (480, 480),
+) -> list[Array]:
+    """Return evenly lit renderings coloured by signed difference: blue below the truth, white none, red above."""
+    used = np.unique(surface.faces)
+    colors = diverging(difference / limit)
+    even = Light(slant=0.0, strength=0.0, fill=float(np.pi))
+    cameras = [frame(surface.vertices[used], d, up=up, margin=1.05) for _, d, up in directions]
+    return [picture(surface, camera, colors=colors, size=size, light=even) for camera in cameras]
+
+
+def picture(
+    surface: Surface,
+    camera: Camera,
+    *,
+    colors: Array | None = None,
+    size: tuple[int, int] = (480, 480),
+    light: Light = Light(),  # noqa: B008 - frozen
+) -> Array:
+    """Return one rendering (H, W, 3), linear, of ``surface``."""
+    return view(surface.vertices, surface.faces, camera=camera, colors=colors, size=size, light=light)
+
+
+def diverging(value: Array) -> Array:
+    """Return linear colours (N, 3) of values in [-1, 1]: blue, white, red; grey where NaN."""
+    v = np.clip(np.nan_to_num(value), -1, 1)[:, None]
+    blue, red, white = np.array([0.02, 0.12, 0.55]), np.array([0.6, 0.04, 0.03]), np.array([0.9, 0.9, 0.9])
+    colors = np.where(v < 0, white + (-v) * (blue - white), white + v * (red - white))
+    return np.where(np.isfinite(value)[:, None], colors, 0.35)
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)

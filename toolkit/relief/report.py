@@ -1,0 +1,163 @@
+"""One HTML report of a completion: pictures inlined, figures, distributions; works offline."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.files import whole_file
+from intaglio.relief.assess import ReliefReport, assess_relief
+from intaglio.relief.pictures import clay_pictures, difference_pictures, provenance_pictures, viewpoints
+from intaglio.render.compare import encode_srgb
+from intaglio.surface import Surface
+
+Array = np.ndarray
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;max-width:1040px;margin:2em auto;padding:0 1em;color:#222;background:#fff}
+h1{font-size:1.6em;margin-bottom:0}h2{font-size:1.15em;margin:2em 0 .4em;border-bottom:1px solid #ddd}
+.row{display:flex;gap:12px;flex-wrap:wrap}.row figure{margin:0;flex:1 1 300px}.row img{width:100%;display:block}
+figcaption{font-size:.85em;color:#555}table{border-collapse:collapse}td,th{padding:.25em .9em .25em 0;text-align:left;
+border-bottom:1px solid #eee;vertical-align:top}th{font-weight:600}li{margin:.15em 0}svg{max-width:100%}
+"""
+_MEASURED, _FILLED = "#a5855a", "#3b6ea5"
+
+
+def write_relief_report(
+    surface: Surface,
+    path: str | os.PathLike[str],
+    *,
+    report: ReliefReport | None = None,
+    truth: Surface | None = None,
+    title: str = "Relief completion",
+    scan: Surface | None = None,
+    extra: Sequence[str] = (),
+    size: int = 480,
+) -> ReliefReport:
+    """Render a completion, measure it, and write one HTML file.
+
+    Parameters
+    ----------
+    surface : Surface
+        From `complete_relief`.
+    path : path
+        The .html file.
+    report : ReliefReport, optional
+        From `assess_relief`; made here if not given.
+    truth : Surface, optional
+        The known surface: rendered beside, and its difference in colour.
+    title : str
+    scan : Surface, optional
+        The scan alone, rendered beside.
+    extra : sequence of str
+        Further lines for the figures.
+    size : int
+        Width and height of each picture, in pixels.
+
+    Returns
+    -------
+    ReliefReport
+    """
+    report = assess_relief(surface, truth) if report is None else report
+    views = viewpoints(surface)
+    shape = (size, size)
+    rows: list[tuple[str, list[Array]]] = []
+    if scan is not None:
+        rows.append(("The scan", clay_pictures(scan, views, size=shape)))
+    rows.append(("Completed", clay_pictures(surface, views, size=shape)))
+    rows.append(("Measured (clay) and filled (blue)", provenance_pictures(surface, views, size=shape)))
+    if truth is not None:
+        rows.append(("The truth", clay_pictures(truth, views, size=shape)))
+    if report.truth is not None:
+        spread = 2 * report.std_measured or 1.0
+        rows.append(
+            (
+                f"Difference from the truth: blue {-spread:.3g}, white 0, red {spread:+.3g}",
+                difference_pictures(surface, report.truth.difference, views, limit=spread, size=shape),
+            )
+        )
+    body = [f"<h1>{html.escape(title)}</h1>"]
+    for heading, images in rows:
+        figures = "".join(
+            f'<figure><img alt="{html.escape(heading)}, {html.escape(name)}" src="{_inline(image)}">'
+            f"<figcaption>{html.escape(name)}</figcaption></figure>"
+            for (name, _, _), image in zip(views, images, strict=True)
+        )
+        body.append(f"<h2>{html.escape(heading)}</h2><div class=row>{figures}</div>")
+    body.append("<h2>Figures</h2><ul>" + "".join(f"<li>{html.escape(x)}</li>" for x in [*report.lines(), *extra]) + "</ul>")
+    body.append("<h2>Distributions</h2><div class=row>" + _distributions(report, surface) + "</div>")
+    if surface.notes:
+        body.append("<h2>What was chosen</h2><ul>" + "".join(f"<li>{html.escape(n)}</li>" for n in surface.notes) + "</ul>")
+    page = (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>{"".join(body)}</body></html>'
+    )
+    with whole_file(Path(path)) as beside:
+        beside.write_text(page, encoding="utf-8")
+    return report
+
+
+def _distributions(report: ReliefReport, surface: Surface) -> str:
+    measured = ~report.filled & surface.measured
+    parts = [
+        _histogram(report.displacement[measured], report.displacement[report.filled], "displacement"),
+        _histogram(report.normal_deviation[measured], report.normal_deviation[report.filled], "normal deviation, degrees"),
+        _spectrum(report),
+    ]
+    if surface.color is not None:
+        shown = encode_srgb(surface.color)
+        for channel, name in enumerate(("red", "green", "blue")):
+            parts.append(_histogram(shown[measured, channel], shown[report.filled, channel], f"{name}, display value"))
+    return "".join(f"<figure>{p}</figure>" for p in parts)
+
+
+def _histogram(measured: Array, filled: Array, label: str) -> str:
+    both = np.concatenate([measured, filled])
+    low, high = np.quantile(both, [0.002, 0.998])
+    if not high > low:
+        low, high = low - 0.5, high + 0.5
+    edges = np.linspace(low, high, 49)
+    curves = [np.histogram(v, edges)[0] / max(len(v), 1) for v in (measured, filled)]
+    return _plot((edges[:-1] + edges[1:]) / 2, curves, label, f"{low:.3g}", f"{high:.3g}")
+
+
+def _spectrum(report: ReliefReport) -> str:
+    order = np.argsort(-report.wavelength)
+    curves = [report.spectrum_measured[order], report.spectrum_filled[order]]
+    top = max(float(np.max(c)) for c in curves)
+    logs = [np.log10(np.maximum(c, 1e-5 * top)) + 5 - np.log10(top) if top > 0 else c for c in curves]
+    x = -np.log(report.wavelength[order])
+    return _plot(
+        x, logs, "roughness spectrum, log power against wavelength", f"{report.wavelength.max():.3g}", f"{report.wavelength.min():.3g}"
+    )
+
+
+def _plot(x: Array, curves: list[Array], label: str, left: str, right: str) -> str:
+    top = max(float(c.max()) for c in curves) or 1.0
+    lines = ""
+    for curve, color in zip(curves, (_MEASURED, _FILLED), strict=True):
+        px = 10 + 300 * (x - x.min()) / (np.ptp(x) or 1.0)
+        py = 130 - 115 * curve / top
+        path = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px, py, strict=True))
+        lines += f'<polyline fill="none" stroke="{color}" stroke-width="2" points="{path}"/>'
+    return (
+        f'<svg viewBox="0 0 320 165" role="img" aria-label="{html.escape(label)}">{lines}'
+        f'<line x1="10" y1="131" x2="310" y2="131" stroke="#bbb"/><g font-size="11" fill="#555"><text x="10" y="145">{left}</text>'
+        f'<text x="310" y="145" text-anchor="end">{right}</text><text x="160" y="160" text-anchor="middle">{html.escape(label)}</text>'
+        f'<text x="310" y="12" text-anchor="end" fill="{_MEASURED}">measured</text>'
+        f'<text x="310" y="25" text-anchor="end" fill="{_FILLED}">filled</text></g></svg>'
+    )
+
+
+def _inline(image: Array) -> str:
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(np.round(encode_srgb(image) * 255).astype(np.uint8)).save(buffer, "PNG", optimize=True)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
