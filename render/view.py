@@ -47,8 +47,8 @@ class Light:
     """
 
     tilt: float = 135.0
-    slant: float = 55.0
-    strength: float = 4.5
+    slant: float = 52.0
+    strength: float = 3.6
     fill: float = 0.6
 
 

@@ -35,38 +35,29 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     return [("the scanned side", front + lift, up), ("across the seam", side + lift, up), ("the completed side", back + lift, up)]
 
 
-def clay_pictures(
-    surface: Surface, directions: list[tuple[str, Array, Array]], *, size: tuple[int, int] = (480, 480), light: Light = Light()  # noqa: B008
-) -> list[Array]:
-    """Return linear clay renderings (H, W, 3) of ``surface``, in its colours if it has any."""
+def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) -> list[Camera]:
+    """Return the cameras that see all of ``surface`` from the directions, to look at other surfaces from there too."""
     used = np.unique(surface.faces)
-    cameras = [frame(surface.vertices[used], d, up=up, margin=1.05) for _, d, up in directions]
-    return [picture(surface, camera, colors=surface.color, size=size, light=light) for camera in cameras]
+    return [frame(surface.vertices[used], direction, up=up, margin=1.05) for _, direction, up in directions]
 
 
-def provenance_pictures(
-    surface: Surface, directions: list[tuple[str, Array, Array]], *, size: tuple[int, int] = (480, 480)
-) -> list[Array]:
+def clay_pictures(surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480)) -> list[Array]:
+    """Return linear clay renderings (H, W, 3) of ``surface``, in its colours if it has any."""
+    return [picture(surface, camera, colors=surface.color, size=size) for camera in cameras]
+
+
+def provenance_pictures(surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480)) -> list[Array]:
     """Return renderings with the measured part in clay and the filled part in blue."""
     colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
-    used = np.unique(surface.faces)
-    cameras = [frame(surface.vertices[used], d, up=up, margin=1.05) for _, d, up in directions]
     return [picture(surface, camera, colors=colors, size=size) for camera in cameras]
 
 
 def difference_pictures(
-    surface: Surface,
-    difference: Array,
-    directions: list[tuple[str, Array, Array]],
-    *,
-    limit: float,
-    size: tuple[int, int] = (480, 480),
+    surface: Surface, difference: Array, cameras: list[Camera], *, limit: float, size: tuple[int, int] = (480, 480)
 ) -> list[Array]:
     """Return evenly lit renderings coloured by signed difference: blue below the truth, white none, red above."""
-    used = np.unique(surface.faces)
     colors = diverging(difference / limit)
     even = Light(slant=0.0, strength=0.0, fill=float(np.pi))
-    cameras = [frame(surface.vertices[used], d, up=up, margin=1.05) for _, d, up in directions]
     return [picture(surface, camera, colors=colors, size=size, light=even) for camera in cameras]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from intaglio.files import whole_file
 from intaglio.relief.assess import ReliefReport, assess_relief
-from intaglio.relief.pictures import clay_pictures, difference_pictures, provenance_pictures, viewpoints
+from intaglio.relief.pictures import clay_pictures, difference_pictures, fixed_cameras, provenance_pictures, viewpoints
 from intaglio.render.compare import encode_srgb
 from intaglio.surface import Surface
 
@@ -66,20 +66,21 @@ def write_relief_report(
     """
     report = assess_relief(surface, truth) if report is None else report
     views = viewpoints(surface)
+    cameras = fixed_cameras(surface, views)
     shape = (size, size)
     rows: list[tuple[str, list[Array]]] = []
     if scan is not None:
-        rows.append(("The scan", clay_pictures(scan, views, size=shape)))
-    rows.append(("Completed", clay_pictures(surface, views, size=shape)))
-    rows.append(("Measured (clay) and filled (blue)", provenance_pictures(surface, views, size=shape)))
+        rows.append(("The scan", clay_pictures(scan, cameras, size=shape)))
+    rows.append(("Completed", clay_pictures(surface, cameras, size=shape)))
+    rows.append(("Measured (clay) and filled (blue)", provenance_pictures(surface, cameras, size=shape)))
     if truth is not None:
-        rows.append(("The truth", clay_pictures(truth, views, size=shape)))
+        rows.append(("The truth", clay_pictures(truth, cameras, size=shape)))
     if report.truth is not None:
         spread = 2 * report.std_measured or 1.0
         rows.append(
             (
                 f"Difference from the truth: blue {-spread:.3g}, white 0, red {spread:+.3g}",
-                difference_pictures(surface, report.truth.difference, views, limit=spread, size=shape),
+                difference_pictures(surface, report.truth.difference, cameras, limit=spread, size=shape),
             )
         )
     body = [f"<h1>{html.escape(title)}</h1>"]

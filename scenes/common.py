@@ -1,0 +1,129 @@
+"""What the scenes share: where to write, where real data lies, progress, and the closing report."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from intaglio.images import write_image
+from intaglio.relief.assess import ReliefReport
+from intaglio.relief.complete import complete_relief
+from intaglio.relief.pictures import clay_pictures, fixed_cameras, viewpoints
+from intaglio.relief.report import write_relief_report
+from intaglio.surface import Surface
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a scene made."""
+
+    scan: Surface
+    whole: Surface
+    report: ReliefReport
+    seconds: float
+    picture: Path
+    page: Path
+
+
+def data_folder() -> Path:
+    """Return the folder of real input: the environment variable INTAGLIO_DATA, else shared/data beside the repository."""
+    given = os.environ.get("INTAGLIO_DATA")
+    return Path(given) if given else Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+
+
+def real_data(name: str) -> Path:
+    """Return the path of a file of the data folder, or stop the scene with a line that says what is missing."""
+    path = data_folder() / name
+    if not path.exists():
+        print(f"skipped: {path} is not there; set INTAGLIO_DATA to the folder that holds {name}")
+        raise SystemExit(0)
+    return path
+
+
+def options(description: str) -> argparse.Namespace:
+    """Read a scene's command line."""
+    quiet_warp()
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for pictures, meshes and report")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--device", default=None, help="cpu, cuda:0; default CUDA if there is one")
+    args = parser.parse_args()
+    args.output.mkdir(parents=True, exist_ok=True)
+    return args
+
+
+def quiet_warp() -> None:
+    """Keep Warp's start-up lines out of the terminal."""
+    wp.config.log_level = wp.LOG_WARNING
+    os.environ.setdefault("WARP_LOG_LEVEL", "warning")
+
+
+def progress_bar(label: str) -> tuple[Callable[[int, int], None], Callable[[], None]]:
+    """Return a progress callback and a function that closes the bar; silent where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} vertices"),
+        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal,
+    )  # fmt: skip
+    task = bar.add_task(label, total=None)
+    bar.start()
+    return (lambda done, total: bar.update(task, completed=done, total=total)), bar.stop
+
+
+def run_scene(
+    name: str,
+    title: str,
+    scan: Surface,
+    args: argparse.Namespace,
+    *,
+    truth: Surface | None = None,
+    extra: tuple[str, ...] = (),
+    **settings: object,
+) -> Result:
+    """Complete ``scan``, measure, render before, after and truth, and write mesh, picture and report."""
+    print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
+    update, close = progress_bar("growing relief")
+    start = time.perf_counter()
+    try:
+        whole = complete_relief(scan, seed=args.seed, device=args.device, progress=update, **settings)  # type: ignore[arg-type]
+    finally:
+        close()
+    seconds = time.perf_counter() - start
+    for note in whole.notes:
+        print(f"  {note}")
+    mesh, page, sheet = (args.output / f"{name}{suffix}" for suffix in (".ply", ".html", ".png"))
+    whole.write(mesh)
+    print("rendering …")
+    report = write_relief_report(
+        whole, page, truth=truth, scan=scan, title=title, extra=(f"completed in {seconds:.2f} s", *extra)
+    )
+    write_image(contact_sheet([scan, whole, *([truth] if truth is not None else [])], whole), sheet)
+    for line in report.lines():
+        print(f"  {line}")
+    print(f"  completed in {seconds:.2f} s")
+    for line in extra:
+        print(f"  {line}")
+    print(f"wrote {mesh}, {sheet} and {page}")
+    return Result(scan, whole, report, seconds, sheet, page)
+
+
+def contact_sheet(surfaces: list[Surface], whole: Surface, size: int = 480) -> Array:
+    """Return one picture: a row for each surface (scan, completion, truth), a column for each of the whole's viewpoints."""
+    cameras = fixed_cameras(whole, viewpoints(whole))
+    rows = [np.concatenate(clay_pictures(s, cameras, size=(size, size)), axis=1) for s in surfaces]
+    return np.concatenate(rows, axis=0)
+
+
