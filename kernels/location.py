@@ -50,9 +50,7 @@ def polar_grid(window: int, rotations: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 @wp.func
-def exponential_map(
-    kind: int, origin: wp.vec3, axis: wp.vec3, radius: float, foot: wp.vec3, tangent: wp.vec3
-) -> wp.vec3:
+def exponential_map(kind: int, origin: wp.vec3, axis: wp.vec3, radius: float, foot: wp.vec3, tangent: wp.vec3) -> wp.vec3:
     """Point of the base (0 plane, 1 cylinder, 2 sphere) reached by the geodesic from ``foot`` along ``tangent``."""
     point = foot + tangent
     if kind == 1:
@@ -61,9 +59,7 @@ def exponential_map(
         outward = wp.normalize(relative - along * axis)
         around = wp.cross(axis, outward)
         angle = wp.dot(tangent, around) / radius
-        point = (
-            origin + (along + wp.dot(tangent, axis)) * axis + radius * (wp.cos(angle) * outward + wp.sin(angle) * around)
-        )
+        point = origin + (along + wp.dot(tangent, axis)) * axis + radius * (wp.cos(angle) * outward + wp.sin(angle) * around)
     if kind == 2:
         length = wp.length(tangent)
         if length > 0.0:

@@ -52,9 +52,7 @@ class Light:
     fill: float = 0.6
 
 
-def frame(
-    vertices: Array, direction: Array, *, up: Array = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
-) -> Camera:
+def frame(vertices: Array, direction: Array, *, up: Array = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1) -> Camera:
     """Return a camera that sees all of ``vertices`` (N, 3) from ``direction`` (3,), the way from the object to the eye."""
     vertices = np.asarray(vertices, np.float64)
     towards = np.asarray(direction, np.float64)
@@ -74,7 +72,7 @@ def view(
     *,
     camera: Camera,
     colors: Array | None = None,
-    light: Light = Light(),  # noqa: B008 - frozen
+    light: Light = Light(),
     size: tuple[int, int] = (512, 512),
     samples: int = 16,
     albedo: tuple[float, float, float] = CLAY,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -127,3 +126,15 @@ def contact_sheet(surfaces: list[Surface], whole: Surface, size: int = 480) -> A
     return np.concatenate(rows, axis=0)
 
 
+def cut_out(surface: Surface, center: Array, radius: float) -> Surface:
+    """Return the largest connected piece of what lies within ``radius`` of ``center``."""
+    near = surface.part(np.linalg.norm(surface.vertices - center, axis=1) < radius)
+    return largest_piece(near)
+
+
+def largest_piece(surface: Surface) -> Surface:
+    """Return the connected piece with most vertices."""
+    from intaglio.topology import pieces
+
+    _, label = pieces(surface.faces, len(surface.vertices))
+    return surface.part(label == np.argmax(np.bincount(label)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from intaglio.scenes.common import Result, options, run_scene
-from intaglio.scenes.patterns import wave, cylinder_base, on_cylinder
+from intaglio.scenes.patterns import cylinder_base, on_cylinder, wave
 
 
 def run(args: argparse.Namespace) -> Result:

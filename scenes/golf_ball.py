@@ -14,11 +14,11 @@ from intaglio.scenes.ball import RADIUS, ball
 from intaglio.scenes.common import Result, options, run_scene
 from intaglio.surface import Surface, surface_from_range_image
 
-SETTINGS: dict[str, object] = {"base": "sphere", "window": 9, "rotations": 12, "spacing": 0.55, "refine": 4}
+SETTINGS: dict[str, object] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.62, "refine": 4}
 NOISE = 0.01  # mm, a good desktop scanner's
 
 
-def one_view(surface: Surface, *, pixels: int = 80, noise: float = NOISE, seed: int = 0) -> Surface:
+def one_view(surface: Surface, *, pixels: int = 76, noise: float = NOISE, seed: int = 0) -> Surface:
     """Return the scan of a ball about the origin from the +z side."""
     distance = 14 * RADIUS
     reach = 2 * np.degrees(np.arcsin(1.02 * RADIUS / distance))

@@ -29,7 +29,11 @@ def wave(column: Array, row: Array) -> Array:
 
 def plane_wave(column: Array, row: Array) -> Array:
     """Crossed sine waves, standing on the base."""
-    return 4 * AMPLITUDE * (1 + 0.5 * np.sin(2 * np.pi * (column - 3) / PLANE_PERIOD) + 0.5 * np.sin(2 * np.pi * (row - 3) / PLANE_PERIOD))
+    return (
+        4
+        * AMPLITUDE
+        * (1 + 0.5 * np.sin(2 * np.pi * (column - 3) / PLANE_PERIOD) + 0.5 * np.sin(2 * np.pi * (row - 3) / PLANE_PERIOD))
+    )
 
 
 def cylinder_base() -> Cylinder:

@@ -23,9 +23,7 @@ Array = np.ndarray
 _HEAD = re.compile(rb"^ply\s")
 
 
-def read_surface(
-    path: str | os.PathLike[str], *, view: Sequence[float] | None = None, repair: bool = False
-) -> Surface:
+def read_surface(path: str | os.PathLike[str], *, view: Sequence[float] | None = None, repair: bool = False) -> Surface:
     """Read a surface from a file.
 
     A PLY written by Intaglio comes back the same: vertices bit for bit, with base, provenance and model. A PLY with a
@@ -396,9 +394,11 @@ def _write_trimesh(surface: Surface, path: Path, kind: str) -> None:
     colors = None if surface.color is None else np.round(encode_srgb(surface.color) * 255).astype(np.uint8)
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, vertex_colors=colors, process=False)
     options = {"digits": 12} if kind == ".obj" else {"digits": 12} if kind == ".off" else {}
-    data = mesh.export(file_type=kind[1:], **options) if kind != ".gltf" else trimesh.exchange.gltf.export_gltf(
-        trimesh.Scene(mesh), embed_buffers=True
-    )["model.gltf"]
+    data = (
+        mesh.export(file_type=kind[1:], **options)
+        if kind != ".gltf"
+        else trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)["model.gltf"]
+    )
     path.write_bytes(data.encode() if isinstance(data, str) else data)
 
 

@@ -74,9 +74,7 @@ def roughness_spectrum(points: Array, values: Array, spacing: float) -> tuple[Ar
     return wavelength, np.maximum(2 * np.pi * kernel.sum(axis=1) * 0.5 * spacing, 0.0)
 
 
-def seam_measure(
-    points: Array, values: Array, across: Array, inside: Array
-) -> float:
+def seam_measure(points: Array, values: Array, across: Array, inside: Array) -> float:
     """Return how much larger the jumps across a seam are than jumps inside over the same distances; 1: no seam.
 
     Parameters

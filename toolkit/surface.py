@@ -39,7 +39,8 @@ class Surface:
     rotation : (N,) float32 array, optional
         By how much the source's neighbourhood was turned about the normal to match, in radians; 0 where measured.
     error : (N,) float32 array, optional
-        Matching error of the accepted match: weighted mean squared distance, in squared input units; 0 where measured.
+        Matching error of the accepted match: weighted mean squared distance, in squared input units; 0 where measured,
+        infinite where no sample could be compared and a neighbour's relief was taken.
     model : Base, optional
         The base shape, where there is one.
     notes : tuple of str

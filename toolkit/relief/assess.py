@@ -196,9 +196,7 @@ def _against_truth(
 ) -> TruthComparison:
     extent = float(np.linalg.norm(np.ptp(surface.base, axis=0)))
     reach = min(0.2 * extent, 10 * float(np.abs(relief).max()) + 1e-3 * extent)
-    true_relief = height_above(
-        surface.base, surface.normal, truth.vertices, truth.faces, reach, choose_device(device)
-    )
+    true_relief = height_above(surface.base, surface.normal, truth.vertices, truth.faces, reach, choose_device(device))
     difference = relief - true_relief
     known = np.isfinite(true_relief)
     at, own = filled & known, measured & known

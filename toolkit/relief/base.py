@@ -31,9 +31,7 @@ def perpendicular(normal: Array) -> Array:
     smallest = np.argmin(np.abs(normal), axis=-1)
     x, y, z = normal[..., 0], normal[..., 1], normal[..., 2]
     zero = np.zeros_like(x)
-    choices = np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([-z, zero, x], -1), np.stack([-y, x, zero], -1)], axis=-2
-    )
+    choices = np.stack([np.stack([zero, -z, y], -1), np.stack([-z, zero, x], -1), np.stack([-y, x, zero], -1)], axis=-2)
     return unit(np.take_along_axis(choices, smallest[..., None, None], axis=-2)[..., 0, :])
 
 

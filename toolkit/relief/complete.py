@@ -191,6 +191,8 @@ def complete_relief(
         f"grown in {growth.waves} lists; error bound {error:.6g} at first, {growth.threshold:.6g} at last; "
         f"{growth.shrunk} windows shrunk" + (f"; {passes} refinement passes" if passes else ""),
     )
+    if growth.orphans:
+        settings += (f"{growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
     return _completed(ground, growth, settings)
 
 

@@ -35,9 +35,7 @@ class DisplacementMetric:
         See `NeighbourhoodMatcher`.
     """
 
-    def __init__(
-        self, ground: Ground, samples: Samples, window: int, rotations: int, device: str, engine: str = "auto"
-    ) -> None:
+    def __init__(self, ground: Ground, samples: Samples, window: int, rotations: int, device: str, engine: str = "auto") -> None:
         self.samples = samples
         self.device, self.engine = device, engine
         self._ground = ground
@@ -167,9 +165,7 @@ class DisplacementMetric:
                 "measured surface around it"
             )
         self._value, self._known = value.numpy(), known.numpy()
-        self._matcher = NeighbourhoodMatcher(
-            self._value, self._known, self._permutation, device=self.device, engine=self.engine
-        )
+        self._matcher = NeighbourhoodMatcher(self._value, self._known, self._permutation, device=self.device, engine=self.engine)
 
     def _locate(self, foot: Array, u: Array, v: Array, first_face: Array) -> tuple[wp.array, wp.array]:
         reach = 0.05 * self._ground.spacing

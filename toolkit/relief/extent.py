@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from intaglio.errors import InputError
-from intaglio.relief.base import Base, Cylinder, Plane, Sphere
+from intaglio.relief.base import Base, Cylinder, Plane, Sphere, perpendicular, unit
 from intaglio.topology import directed_edges
 
 Array = np.ndarray
@@ -77,7 +77,8 @@ def region_to_complete(base: Base, feet: Array, faces: Array, spacing: float, ex
         ``"whole"``: the whole sphere; the full turn of the cylinder over the scanned length; on a plane the scan's
         rectangle. ``"rectangle"``: on a plane, the scan's own rectangle without its holes. ``"holes"``: only what the scan
         encloses. ``(low, high)`` for a cylinder: that length along the axis; ``(u0, u1, v0, v1)`` for a plane: that
-        rectangle, in the plane's chart. None: ``"whole"``.
+        rectangle, in the plane's chart; ``(degrees,)`` for a sphere: a cap of that half angle about the scan's middle.
+        None: ``"whole"``.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def region_to_complete(base: Base, feet: Array, faces: Array, spacing: float, ex
     if isinstance(extent, str) and extent not in ("whole", "rectangle", "holes"):
         raise InputError(f"unknown extent {extent!r}; known: 'whole', 'rectangle', 'holes', or numbers (see help)")
     if isinstance(base, Sphere):
-        return _sphere(base, spacing, extent)
+        return _sphere(base, feet, spacing, extent)
     if isinstance(base, Cylinder):
         return _cylinder(base, feet, faces, spacing, extent)
     if isinstance(base, Plane):
@@ -95,22 +96,45 @@ def region_to_complete(base: Base, feet: Array, faces: Array, spacing: float, ex
     raise InputError(f"extents of a {base.kind} are not known")
 
 
-def _sphere(base: Sphere, spacing: float, extent: Extent) -> Region:
-    if extent is not None and extent not in ("whole", "holes"):
-        raise InputError(f"extent {extent!r} does not go with a sphere; use 'whole' or 'holes'")
-    count = _checked(4 * np.pi * base.radius**2, spacing)
-    i = np.arange(count) + 0.5
-    z = 1 - 2 * i / count
-    angle = np.pi * (1 + 5**0.5) * i
-    ring = np.sqrt(1 - z**2)
-    points = base.center + base.radius * np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-    only = extent == "holes"
-    return Region(points, None, only, False, "extent: holes in the scan" if only else "extent: the whole sphere")
+def _sphere(base: Sphere, feet: Array, spacing: float, extent: Extent) -> Region:
+    if extent == "rectangle":
+        raise InputError("extent 'rectangle' goes with a plane; a sphere has 'whole', 'holes' or (degrees,), a cap")
+    direction = unit(feet - base.center)
+    middle = unit(direction.mean(axis=0)) if np.linalg.norm(direction.mean(axis=0)) > 1e-6 else np.array([0.0, 0.0, 1.0])
+    if extent is None or extent == "whole":
+        return Region(_cap(base, middle, np.pi, spacing), None, False, False, "extent: the whole sphere")
+    if extent == "holes":
+        reach = float(np.arccos(np.clip(direction @ middle, -1, 1).min()))
+        return Region(_cap(base, middle, reach, spacing), None, True, False, "extent: holes in the scan")
+    (degrees,) = _numbers(extent, 1, "a sphere's extent is (degrees,), the half angle of a cap about the scan's middle")
+    if not 0 < degrees < 180:
+        raise InputError(f"a cap's half angle is between 0 and 180 degrees, not {degrees}")
+    least = np.cos(np.radians(degrees))
+
+    def inside(points: Array) -> Array:
+        return unit(points - base.center) @ middle > least
+
+    cap = _cap(base, middle, float(np.radians(degrees)), spacing)
+    return Region(cap, inside, False, False, f"extent: a cap of {degrees:g} degrees about the scan's middle")
+
+
+def _cap(base: Sphere, middle: Array, half_angle: float, spacing: float) -> Array:
+    """Return the points of a Fibonacci lattice about ``middle`` that lie within ``half_angle`` (radians) of it."""
+    low = np.cos(half_angle)
+    count = _checked(2 * np.pi * base.radius**2 * (1 - low), spacing)
+    z = 1 - (1 - low) * (np.arange(count) + 0.5) / count
+    angle = np.pi * (1 + 5**0.5) * np.arange(count)
+    ring = np.sqrt(np.maximum(1 - z**2, 0))
+    e1 = perpendicular(middle)
+    e2 = np.cross(middle, e1)
+    direction = (ring * np.cos(angle))[:, None] * e1 + (ring * np.sin(angle))[:, None] * e2 + z[:, None] * middle
+    return base.center + base.radius * direction
 
 
 def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent: Extent) -> Region:
     chart = base.chart(feet)
-    low, high = float(chart[:, 1].min()), float(chart[:, 1].max())
+    # A few vertices that stick out of a ragged rim don't stretch the whole turn.
+    low, high = (float(v) for v in np.quantile(chart[:, 1], [0.01, 0.99]))
     if extent == "rectangle":
         raise InputError("extent 'rectangle' goes with a plane; a cylinder has 'whole' (the full turn) or 'holes'")
     if extent is not None and not isinstance(extent, str):
@@ -273,10 +297,10 @@ def _checked(area: float, spacing: float) -> int:
 
 
 def _numbers(extent: Sequence[float], count: int, meaning: str) -> list[float]:
-    values = [float(v) for v in extent]
+    values = [float(v) for v in np.atleast_1d(np.asarray(extent, np.float64))]
     if len(values) != count or not np.isfinite(values).all():
         raise InputError(f"{meaning}: {count} finite numbers, not {extent!r}")
-    if any(a >= b for a, b in zip(values[::2], values[1::2], strict=True)):
+    if any(a >= b for a, b in zip(values[::2], values[1::2], strict=False)):
         raise InputError(f"{meaning}, each low before its high: {extent!r}")
     return values
 

@@ -191,9 +191,7 @@ def _fit_cylinder(p: Array) -> Cylinder | None:
         e1 = perpendicular(axis)
         e2 = np.cross(axis, e1)
 
-        def cylinder(
-            x: Array, axis: Array = axis, e1: Array = e1, e2: Array = e2
-        ) -> tuple[Array, Array]:
+        def cylinder(x: Array, axis: Array = axis, e1: Array = e1, e2: Array = e2) -> tuple[Array, Array]:
             return x[2] * e1 + x[3] * e2, unit(axis + x[0] * e1 + x[1] * e2)
 
         def residual(x: Array, cylinder: object = cylinder, q: Array = coarse) -> Array:
@@ -222,9 +220,7 @@ def _circle(p: Array, axis: Array) -> tuple[Array, float] | None:
     """Fit a circle to the points seen along ``axis``: (centre on the two cross axes, radius), mean absolute residual."""
     e1 = perpendicular(axis)
     q = p @ np.stack([e1, np.cross(axis, e1)], axis=1)
-    solution, _, rank, _ = np.linalg.lstsq(
-        np.column_stack([2 * q, np.ones(len(q))]), (q**2).sum(axis=1), rcond=1e-10
-    )
+    solution, _, rank, _ = np.linalg.lstsq(np.column_stack([2 * q, np.ones(len(q))]), (q**2).sum(axis=1), rcond=1e-10)
     square = solution[2] + solution[:2] @ solution[:2]
     if rank < 3 or square <= 0:
         return None

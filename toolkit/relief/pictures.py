@@ -22,7 +22,11 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
         u = np.cross(front, np.eye(3)[np.argmin(np.abs(front))])
         up = _unit(np.cross(u, front))
         oblique = _unit(front + 0.8 * _unit(u) - 0.5 * up)
-        return [("from the front", front, up), ("obliquely", oblique, up), ("from the other side", _unit(front - 0.8 * _unit(u)), up)]
+        return [
+            ("from the front", front, up),
+            ("obliquely", oblique, up),
+            ("from the other side", _unit(front - 0.8 * _unit(u)), up),
+        ]
     axis = getattr(surface.model, "axis", None)
     up = np.eye(3)[np.argmin(np.abs(front))] if axis is None else np.asarray(axis)
     up = _unit(up - (up @ front) * front)
@@ -30,7 +34,11 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     back = _unit(made) if np.linalg.norm(made) > 1e-3 else -front
     if back @ front > 0.9:
         # A hole among the measured: the side views look at it from left and right.
-        return [("the hole", back, up), ("from one side", _unit(back + side), up), ("from the other side", _unit(back - side), up)]
+        return [
+            ("the hole", back, up),
+            ("from one side", _unit(back + side), up),
+            ("from the other side", _unit(back - side), up),
+        ]
     lift = 0.25 * up if axis is not None else 0.15 * up
     return [("the scanned side", front + lift, up), ("across the seam", side + lift, up), ("the completed side", back + lift, up)]
 

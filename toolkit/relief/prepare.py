@@ -239,5 +239,3 @@ def _positive(value: float, name: str) -> float:
     if not (np.isfinite(number) and number > 0):
         raise InputError(f"{name} must be a positive length in the input's unit, not {value!r}")
     return number
-
-

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from intaglio.errors import InputError
 from intaglio.randomness import uniform
 from intaglio.relief.prepare import Ground
 from intaglio.relief.samples import Samples
@@ -17,6 +17,8 @@ from intaglio.topology import adjacency
 Array = np.ndarray
 Progress = Callable[[int, int], None]
 
+# So many lists in a row without a match, the bound raised a million times over, mean that none is viable at all.
+_MOST_STALLS = 150
 _STREAM_PICK, _STREAM_SHUFFLE = 1, 2
 
 
@@ -80,12 +82,26 @@ class State:
 
 @dataclass(frozen=True)
 class Growth:
-    """What was propagated, and how it went."""
+    """What was propagated, and how it went.
+
+    Attributes
+    ----------
+    state : State
+    waves : int
+        Lists worked through.
+    threshold : float
+        The error bound at the end.
+    shrunk : int
+        Targets whose window shrank.
+    orphans : int
+        Targets that no sample could be compared with; they carry a neighbour's relief.
+    """
 
     state: State
     waves: int
     threshold: float
     shrunk: int
+    orphans: int
 
 
 def grow_relief(
@@ -106,7 +122,8 @@ def grow_relief(
     it: the papers' way. In "wave" order the whole list is matched against the surface as it was when the list was made,
     then filled at once: neighbours in one list don't see each other, a list is one search, and the result does not
     depend on the order within it. A vertex that finds no acceptable match waits and shrinks its window by one ring (down
-    to 1); a list that fills nothing raises the error bound by 10 %.
+    to 1); a list that fills nothing raises the error bound by 10 %. Where no sample can be compared at any bound, a vertex takes
+    its textured neighbour's relief.
 
     Parameters
     ----------
@@ -143,7 +160,7 @@ def grow_relief(
     windows = np.full(count, window)
     attempts = np.zeros(count, np.int64)
     threshold = selection.error
-    total, waves, stalled = int(targets.sum()), 0, 0
+    total, waves, stalled, orphans = int(targets.sum()), 0, 0, 0
     if progress:
         progress(0, total)
     while True:
@@ -173,12 +190,13 @@ def grow_relief(
         if filled == 0:
             threshold *= 1.1
             stalled += 1
-            if stalled > 2000:
-                raise InputError(
-                    f"{len(boundary)} targets find no viable match at any error bound: the scan has too few samples for "
-                    f"window {window}; give a smaller window"
-                )
-    return Growth(state, waves, threshold, int((windows[targets] < window).sum()))
+            if stalled > _MOST_STALLS:
+                _take_from_neighbours(state, boundary, graph)
+                orphans += len(boundary)
+                stalled = 0
+        else:
+            stalled = 0
+    return Growth(state, waves, threshold, int((windows[targets] < window).sum()), orphans)
 
 
 def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepted: Array) -> None:
@@ -189,4 +207,17 @@ def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepte
     state.error[vertices] = picks.error[accepted]
     if state.color is not None and samples.color is not None:
         state.color[vertices] = samples.color[chosen]
+    state.textured[vertices] = True
+
+
+def _take_from_neighbours(state: State, vertices: Array, graph: csr_array) -> None:
+    """Let ``vertices`` carry the relief of their first textured neighbour, marked by an infinite error."""
+    for vertex in vertices:
+        near = graph.indices[graph.indptr[vertex] : graph.indptr[vertex + 1]]
+        giver = near[state.textured[near]][0]
+        for field in (state.height, state.source, state.rotation):
+            field[vertex] = field[giver]
+        if state.color is not None:
+            state.color[vertex] = state.color[giver]
+        state.error[vertex] = np.inf
     state.textured[vertices] = True

@@ -22,9 +22,7 @@ _SMALLEST_WINDOW = 3
 _ROBUST_POWER = -0.6
 
 
-def refine_relief(
-    ground: Ground, metric: DisplacementMetric, state: State, *, window: int, passes: int, seed: int
-) -> int:
+def refine_relief(ground: Ground, metric: DisplacementMetric, state: State, *, window: int, passes: int, seed: int) -> int:
     """Refine the filled part of ``state`` in place; return the number of passes made.
 
     Windows go from ``window`` down to half of it. Between passes the voted relief is brought back to the distribution of

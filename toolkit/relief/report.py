@@ -135,7 +135,11 @@ def _spectrum(report: ReliefReport) -> str:
     logs = [np.log10(np.maximum(c, 1e-5 * top)) + 5 - np.log10(top) if top > 0 else c for c in curves]
     x = -np.log(report.wavelength[order])
     return _plot(
-        x, logs, "roughness spectrum, log power against wavelength", f"{report.wavelength.max():.3g}", f"{report.wavelength.min():.3g}"
+        x,
+        logs,
+        "roughness spectrum, log power against wavelength",
+        f"{report.wavelength.max():.3g}",
+        f"{report.wavelength.min():.3g}",
     )
 
 

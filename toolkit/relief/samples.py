@@ -72,9 +72,7 @@ def sample_set(ground: Ground, oversample: bool) -> Samples:
         sample_height = np.concatenate([sample_height, height[edges].mean(axis=1)])
         first = np.concatenate([first, topology.incident[topology.face_offsets[edges[:, 0]]]])
     normal = ground.base.foot(foot)[1]
-    return Samples(
-        vertex.astype(np.int32), foot, u, np.cross(normal, u), sample_height, color, first.astype(np.int32)
-    )
+    return Samples(vertex.astype(np.int32), foot, u, np.cross(normal, u), sample_height, color, first.astype(np.int32))
 
 
 def _blend(points: Array, color: Array, at: Array) -> Array:

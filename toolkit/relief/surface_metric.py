@@ -126,9 +126,7 @@ class SurfaceMetric:
             self._put(start, wp.int32),
         ]
 
-    def _costs(
-        self, targets: Array, offsets: Array, listed: Array, weight: Array, position: wp.array, factor: float
-    ) -> wp.array:
+    def _costs(self, targets: Array, offsets: Array, listed: Array, weight: Array, position: wp.array, factor: float) -> wp.array:
         candidates = len(self.samples.vertex) * self._rotations
         stride = min(candidates, _STRIDE_CPU if self.device.startswith("cpu") else _STRIDE_CUDA)
         cost = wp.full((len(targets), candidates), NOT_VIABLE, dtype=float, device=self.device)
@@ -189,9 +187,7 @@ def ring_neighbourhoods(ground: Ground, window: int) -> tuple[Array, Array, Arra
     count = len(ground.measured)
     graph = adjacency(ground.faces, count)
     targets = np.flatnonzero(~ground.measured)
-    reached = csr_array(
-        (np.ones(len(targets), np.float32), (np.arange(len(targets)), targets)), shape=(len(targets), count)
-    )
+    reached = csr_array((np.ones(len(targets), np.float32), (np.arange(len(targets)), targets)), shape=(len(targets), count))
     rows, vertices, rings = [], [], []
     frontier = reached
     for ring in range(1, window + 1):

@@ -70,14 +70,18 @@ class ConformalMap:
         return np.stack([d @ self.e1, d @ self.e2], axis=1) / w[:, None]
 
     def inverse(self, xy: Array) -> Array:
-        """Return the base points (N, 3) at plane coordinates (N, 2), for a plane or cylinder."""
+        """Return the base points (N, 3) at plane coordinates (N, 2)."""
         base = self.base
         if isinstance(base, Plane):
             return base.from_chart(xy)
-        assert isinstance(base, Cylinder)
-        radius = np.maximum(np.linalg.norm(xy, axis=1), 1e-300)
-        angle = np.arctan2(xy[:, 1], xy[:, 0])
-        return base.from_chart(np.stack([base.radius * angle, base.radius * np.log(radius) + self.middle], axis=1))
+        if isinstance(base, Cylinder):
+            radius = np.maximum(np.linalg.norm(xy, axis=1), 1e-300)
+            angle = np.arctan2(xy[:, 1], xy[:, 0])
+            return base.from_chart(np.stack([base.radius * angle, base.radius * np.log(radius) + self.middle], axis=1))
+        assert isinstance(base, Sphere)
+        square = (xy**2).sum(axis=1, keepdims=True)
+        direction = (2 * (xy @ np.stack([self.e1, self.e2])) + (square - 1) * self.pole) / (square + 1)
+        return base.center + base.radius * direction
 
 
 def fill_base(
@@ -183,9 +187,7 @@ class _Region:
         open_side = np.isin(keys, edge_keys(self.edges[:, ::-1], count)).reshape(-1, 3)
         passable = (across >= 0) & ~scan_side & ~open_side
         source, corner = np.nonzero(passable)
-        graph = coo_array(
-            (np.ones(len(source), bool), (source, across[source, corner])), shape=(len(triangles), len(triangles))
-        )
+        graph = coo_array((np.ones(len(source), bool), (source, across[source, corner])), shape=(len(triangles), len(triangles)))
         number, label = connected_components(graph, directed=False)
         votes_scan = np.bincount(label, scan_side.sum(axis=1), number)
         votes_open = np.bincount(label, open_side.sum(axis=1), number)
@@ -199,8 +201,8 @@ class _Region:
         is_open = (votes_open > 0)[label]
         points = np.concatenate([self.rim, targets])
         if self.only_holes:
-            is_open &= ~self._outer(label, number, across, xy, triangles, points)[label]
-        elif not isinstance(self.base, Sphere):
+            is_open &= ~self._outer(label, number, across, open_side, xy, triangles)[label]
+        elif self.inside is not None:
             is_open &= ~self._outside(is_open, triangles, across, xy, points, passable)
         self.count = len(np.unique(label[is_open]))
         chosen = triangles[is_open]
@@ -208,9 +210,7 @@ class _Region:
         used[chosen] = True
         return chosen, used[len(self.rim) :]
 
-    def _outside(
-        self, is_open: Array, triangles: Array, across: Array, xy: Array, points: Array, passable: Array
-    ) -> Array:
+    def _outside(self, is_open: Array, triangles: Array, across: Array, xy: Array, points: Array, passable: Array) -> Array:
         """Open triangles beyond the extent, and slivers reachable from there: carved away from the outside in."""
         corners = points[triangles]
         beyond = np.zeros(len(triangles), bool)
@@ -229,14 +229,18 @@ class _Region:
                 return outside
             outside |= new
 
-    def _outer(self, label: Array, number: int, across: Array, xy: Array, triangles: Array, points: Array) -> Array:
-        """Which components are the world outside the scan rather than holes in it."""
+    def _outer(self, label: Array, number: int, across: Array, open_side: Array, xy: Array, triangles: Array) -> Array:
+        """Which components are the world outside the scan rather than holes in it: on a sphere, those larger than half of it."""
         outer = np.zeros(number, bool)
         if isinstance(self.base, Sphere):
-            corners = points[triangles]
-            area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-            total = 4 * np.pi * self.base.radius**2
-            return np.bincount(label, area, number) > total / 2
+            # The area from the border alone (signed solid angles of edges seen from the pole, modulo the whole sphere): the
+            # outside need not be sampled for it. Counter-clockwise in the chart is clockwise on the sphere.
+            row, corner = np.nonzero(open_side)
+            direction = unit(self.rim - self.base.center)
+            a, b = direction[triangles[row, corner]], direction[triangles[row, (corner + 1) % 3]]
+            pole = self.chart_of.pole
+            angle = 2 * np.arctan2(np.cross(a, b) @ pole, 1 + a @ pole + b @ pole + np.einsum("ij,ij->i", a, b))
+            return np.mod(-np.bincount(label[row], angle, number), 4 * np.pi) > 2 * np.pi
         outer[np.unique(label[(across < 0).any(axis=1)])] = True
         if isinstance(self.base, Cylinder):
             # The annulus' inner disk is the world beyond the cylinder's lower end.

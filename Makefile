@@ -1,0 +1,49 @@
+# Everything runs in .venv, which is made on first use. Needs Python 3.11+ and make, nothing else.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SCENES := golf_ball golf_ball_hole golf_ball_mesh cylinder_bumps cylinder_wave plane_wave bunny_scan face_holes sea_vase bird_bath
+SOURCES := $(shell find toolkit kernels render scenes -name '*.py' -not -path '*/__pycache__/*' | sort)
+# A strict editable install maps single files: it is renewed when pyproject.toml or the list of files changes.
+STAMP := $(VENV)/.installed-$(shell (echo $(SOURCES); cat pyproject.toml) | cksum | cut -d' ' -f1)
+
+.PHONY: demo scenes test test-all lint bench clean docs install
+
+install: $(STAMP)
+
+$(STAMP):
+	@test -x $(BIN)/python || $(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed; call make PYTHON=python3.12, say")'
+	@test -x $(BIN)/python || { echo "making $(VENV) …"; $(PYTHON) -m venv $(VENV); }
+	@echo "installing Intaglio and what it needs into $(VENV) (the first time this takes a few minutes) …"
+	@rm -rf build $(VENV)/.installed-*
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	@touch $@
+
+demo: install
+	@$(BIN)/python -m intaglio.scenes.golf_ball --output out
+	@echo "open out/golf_ball.html for pictures and figures"
+
+scenes: install
+	@set -e; for scene in $(SCENES); do $(BIN)/python -m intaglio.scenes.$$scene --output out; done
+
+test: install
+	$(BIN)/python -m pytest -m 'not slow' -q
+
+test-all: install
+	$(BIN)/python -m pytest -q
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: install
+	@$(BIN)/python -m tests.benchmarks.relief
+
+docs: install
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	$(BIN)/sphinx-build -W -b html docs out/docs
+
+clean:
+	rm -rf build out $(VENV) .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,388 @@
+"""The `intaglio` command: a thin layer over the public functions."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+import intaglio
+from intaglio.errors import InputError, IntaglioError
+from intaglio.files import check_readable, check_writable
+
+Array = np.ndarray
+_IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+_MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
+
+
+class _Numbers(click.ParamType):
+    """Comma-separated numbers."""
+
+    name = "numbers"
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = count
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        try:
+            numbers = tuple(float(v) for v in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers like 0,0,1", param, ctx)
+        if self.count is not None and len(numbers) != self.count:
+            self.fail(f"{value!r} has {len(numbers)} numbers where {self.count} are needed", param, ctx)
+        return numbers
+
+
+class _Extent(click.ParamType):
+    """whole, rectangle, holes, or comma-separated numbers."""
+
+    name = "extent"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...]:
+        if value in ("whole", "rectangle", "holes"):
+            return str(value)
+        numbers: tuple[float, ...] = _Numbers().convert(value, param, ctx)
+        return numbers
+
+
+def _common(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that every command has."""
+    command = click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one.")(command)
+    return click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits.")(command)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(intaglio.__version__, prog_name="intaglio")
+def cli() -> None:
+    """Complete the fine surface texture of scanned objects, render it, and measure it."""
+
+
+@cli.command(epilog="Example: intaglio complete scan.ply -o whole.ply --base sphere --rotations 12 --report whole.html")
+@click.argument("scan", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Mesh to write; PLY keeps provenance.")
+@click.option("--base", type=click.Choice(["auto", "plane", "cylinder", "sphere"]), default="auto", show_default=True)
+@click.option("--extent", type=_Extent(), default=None, help="whole, rectangle, holes, or numbers (low,high or u0,u1,v0,v1).")
+@click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default 7. Cover the largest feature.")
+@click.option("--error", type=float, default=None, help="Largest accepted mean squared distance, in squared units.")
+@click.option("--rotations", type=int, default=1, show_default=True, help="Rotations tried; more for relief without direction.")
+@click.option("--refine", type=int, default=3, show_default=True, help="Refinement passes after growth; 0: growth alone.")
+@click.option("--spacing", type=float, default=None, help="Distance between new vertices, in the scan's unit.")
+@click.option("--metric", type=click.Choice(["displacement", "surface"]), default="displacement", show_default=True)
+@click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
+@click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
+@click.option(
+    "--frames", type=click.Choice(["algebraic", "sweep", "reference"]), default=None, help="Local frames; default by base."
+)
+@click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
+@click.option("--view", type=_Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
+@click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
+@click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface, for the report.")
+@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
+@_common
+def complete(
+    scan: Path,
+    output: Path,
+    view: tuple[float, ...] | None,
+    repair: bool,
+    truth: Path | None,
+    report: Path | None,
+    **settings: Any,
+) -> None:
+    """Complete what SCAN did not see: its smooth base, and over it the scan's own relief.
+
+    Measured vertices come out bit for bit as they are. What was made up is marked in the PLY's vertex properties
+    measured, source, rotation and error.
+    """
+    check_readable(scan)
+    check_writable(output, inputs=(scan,) if truth is None else (scan, truth))
+    _known_suffix(output, _MESHES, "mesh")
+    if report is not None:
+        check_writable(report, inputs=(scan, output))
+        _known_suffix(report, (".html", ".htm"), "report")
+    known = None if truth is None else intaglio.read_surface(truth)
+    surface = intaglio.read_surface(scan, view=view, repair=repair)
+    if settings["metric"] == "surface" or settings["bootstrap"]:
+        settings["refine"] = _unless_given("refine", 0, settings["refine"])
+    start = time.perf_counter()
+    with _Bar("completing") as bar:
+        whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
+    for note in surface.notes + whole.notes:
+        click.echo(f"  {note}", err=True)
+    intaglio.write_surface(whole, output)
+    filled = int((~whole.measured).sum())
+    click.echo(
+        f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {time.perf_counter() - start:.1f} s"
+    )
+    if report is not None:
+        from intaglio.relief.report import write_relief_report
+
+        figures = write_relief_report(whole, report, truth=known, scan=surface, title=f"{scan.name} completed")
+        for line in figures.lines():
+            click.echo(f"  {line}")
+        click.echo(f"wrote {report}")
+
+
+@cli.command(epilog="Example: intaglio render whole.ply -o whole.png --direction 1,0.2,0.5 --slant 65")
+@click.argument("mesh", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write.")
+@click.option("--direction", type=_Numbers(3), default="0,0,1", show_default=True, help="x,y,z: from the object to the eye.")
+@click.option("--up", type=_Numbers(3), default="0,1,0", show_default=True)
+@click.option("--size", default="800x800", show_default=True, help="WIDTHxHEIGHT in pixels.")
+@click.option("--tilt", type=float, default=135.0, show_default=True, help="Light's direction in the picture, degrees.")
+@click.option("--slant", type=float, default=52.0, show_default=True, help="Light's angle from the line of sight, degrees.")
+@click.option("--samples", type=click.IntRange(1, 65536), default=32, show_default=True, help="Paths per pixel.")
+@click.option("--color/--clay", default=True, help="Use the mesh's colours, if it has any, or clay.")
+@click.option("--provenance", is_flag=True, help="Show the measured part in clay, the filled part in blue.")
+@click.option("--flat", is_flag=True, help="Shade facets.")
+@_common
+def render(
+    mesh: Path,
+    output: Path,
+    direction: tuple[float, ...],
+    up: tuple[float, ...],
+    size: str,
+    tilt: float,
+    slant: float,
+    samples: int,
+    color: bool,
+    provenance: bool,
+    flat: bool,
+    seed: int,
+    device: str | None,
+) -> None:
+    """Render MESH under raking light, so that its relief shows."""
+    from intaglio.relief.pictures import FILLED_TINT
+    from intaglio.render import Light, frame, variant, view
+    from intaglio.render.view import CLAY
+
+    check_writable(output, inputs=(mesh,))
+    _known_suffix(output, _IMAGES, "image")
+    shape = _size(size)
+    if not any(direction) or not any(up):
+        raise InputError("--direction and --up must not be all zero")
+    _render_device(device, variant().name)
+    surface = intaglio.read_surface(mesh)
+    used = np.unique(surface.faces)
+    if len(used) == 0:
+        raise InputError(f"{mesh}: has no faces, there is nothing to render")
+    colors = surface.color if color else None
+    if provenance:
+        colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
+    camera = frame(surface.vertices[used], np.array(direction), up=np.array(up), margin=1.05)
+    image = view(
+        surface.vertices,
+        surface.faces,
+        camera=camera,
+        colors=colors,
+        light=Light(tilt=tilt, slant=slant),
+        size=shape,
+        samples=samples,
+        flat=flat,
+        seed=seed,
+    )
+    intaglio.write_image(image, output)
+    click.echo(f"wrote {output}: {shape[0]} x {shape[1]} pixels")
+
+
+@cli.command(epilog="Example: intaglio compare completed.png truth.png -o difference.png")
+@click.argument("image", type=click.Path(path_type=Path))
+@click.argument("reference", type=click.Path(path_type=Path))
+@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Write FLIP's difference picture.")
+@_common
+def compare(image: Path, reference: Path, output: Path | None, seed: int, device: str | None) -> None:
+    """Compare IMAGE with REFERENCE: rmse, PSNR, SSIM and FLIP."""
+    from intaglio.render import compare as compare_images
+    from intaglio.render.compare import decode_srgb
+
+    if output is not None:
+        check_writable(output, inputs=(image, reference))
+        _known_suffix(output, _IMAGES, "image")
+    first, second = (_opaque(intaglio.read_image(p)) for p in (image, reference))
+    try:
+        result = compare_images(first, second)
+    except ValueError as error:
+        raise InputError(f"{image} and {reference}: {error}") from error
+    click.echo(f"rmse {result.rmse:.6f}  PSNR {result.psnr:.2f} dB  SSIM {result.ssim:.4f}  FLIP {result.flip:.4f}")
+    if output is not None:
+        intaglio.write_image(decode_srgb(result.difference), output)
+        click.echo(f"wrote {output}")
+
+
+@cli.command(epilog="Example: intaglio info scan.ply")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--repair", is_flag=True, help="Repair meshes on reading, and say what was done.")
+@_common
+def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -> None:
+    """Show versions, devices and the renderer's variant; or the facts of meshes and images."""
+    if not files:
+        for line in _system_facts():
+            click.echo(line)
+    for path in files:
+        suffix = path.suffix.lower()
+        check_readable(path)
+        if suffix in _MESHES:
+            lines = _mesh_facts(path, repair)
+        elif suffix in _IMAGES:
+            lines = _image_facts(path)
+        else:
+            raise InputError(f"{path}: neither a mesh ({', '.join(_MESHES)}) nor an image ({', '.join(_IMAGES)})")
+        click.echo(str(path))
+        for line in lines:
+            click.echo(f"  {line}")
+
+
+def _system_facts() -> list[str]:
+    import platform
+    from importlib.metadata import version
+
+    import warp as wp
+
+    from intaglio.kernels.launch import choose_device, threads
+    from intaglio.render.variant import variant
+
+    packages = ("warp-lang", "mitsuba", "numpy", "scipy", "trimesh", "OpenEXR")
+    chosen = variant()
+    device = choose_device()
+    return [
+        f"intaglio {intaglio.__version__}, Python {platform.python_version()} on {platform.platform()}",
+        ", ".join(f"{p} {version(p)}" for p in packages),
+        f"devices: {', '.join(str(d) for d in wp.get_devices())}; default {device}; {threads()} CPU threads",
+        f"renderer: {chosen.name} ({chosen.reason})",
+    ]
+
+
+def _mesh_facts(path: Path, repair: bool) -> list[str]:
+    from intaglio.relief.extent import sampling_distance
+    from intaglio.topology import border_loops, pieces, used_vertices
+
+    surface = intaglio.read_surface(path, repair=repair)
+    used = used_vertices(surface.faces, len(surface.vertices))
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    lines = [
+        f"{len(surface.vertices)} vertices ({int((~used).sum())} in no face), {len(surface.faces)} faces",
+        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}",
+        f"colour per vertex: {'yes' if surface.color is not None else 'no'}",
+    ]
+    if not surface.measured.all():
+        lines.append(f"provenance: {int(surface.measured.sum())} measured, {int((~surface.measured).sum())} filled vertices")
+    if len(surface.faces):
+        number, label = pieces(surface.faces, len(surface.vertices))
+        loops = border_loops(surface.faces)
+        sizes = ", ".join(str(len(loop)) for loop in loops[:8]) + (", …" if len(loops) > 8 else "")
+        lines.append(f"{len(np.unique(label[used]))} pieces; {len(loops)} border loops" + (f" of {sizes} edges" if loops else ""))
+        lines.append(sampling_distance(surface.vertices, surface.faces)[1])
+    if surface.model is not None:
+        lines.append(f"base: {surface.model.describe()}")
+    else:
+        try:
+            fitted = intaglio.fit_base(surface.vertices[used])
+            lines += [f"best base: {fitted.describe()}", f"  {fitted.fit.note}" if fitted.fit else ""]
+        except IntaglioError as error:
+            lines.append(f"best base: none ({error})")
+    return [*lines, *surface.notes]
+
+
+def _image_facts(path: Path) -> list[str]:
+    image = intaglio.read_image(path)
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    lines = [f"{image.shape[1]} x {image.shape[0]} pixels, {channels} channel{'s' if channels > 1 else ''} (linear values below)"]
+    for c in range(channels):
+        plane = image if image.ndim == 2 else image[:, :, c]
+        lines.append(
+            f"channel {c}: least {plane.min():.5g}, mean {plane.mean():.5g}, most {plane.max():.5g}; "
+            f"{np.mean(plane >= 1):.2%} at or over 1, {np.mean(plane <= 0):.2%} at or under 0"
+        )
+    return lines
+
+
+class _Bar:
+    """A progress bar on stderr, shown on a terminal once the work has taken a second."""
+
+    def __init__(self, label: str) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._bar.add_task(label, total=None)
+        self._start = time.perf_counter()
+        self._shown = False
+
+    def __enter__(self) -> _Bar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._shown:
+            self._bar.stop()
+
+    def update(self, done: int, total: int) -> None:
+        """Show ``done`` of ``total``."""
+        if not self._shown and time.perf_counter() - self._start > 1.0:
+            self._bar.start()
+            self._shown = True
+        self._bar.update(self._task, completed=done, total=total)
+
+
+def _unless_given(name: str, fallback: int, value: int) -> int:
+    """Return ``value`` if the user gave the option, else ``fallback``."""
+    source = click.get_current_context().get_parameter_source(name)
+    return value if source is click.core.ParameterSource.COMMANDLINE else fallback
+
+
+def _known_suffix(path: Path, known: tuple[str, ...], what: str) -> None:
+    if path.suffix.lower() not in known:
+        raise InputError(f"{path}: unknown {what} type {path.suffix!r}; known: {', '.join(known)}")
+
+
+def _size(text: str) -> tuple[int, int]:
+    try:
+        width, height = (int(v) for v in text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"--size {text!r} is not WIDTHxHEIGHT, such as 800x600") from None
+    if not (1 <= width <= 16384 and 1 <= height <= 16384):
+        raise InputError(f"--size {text!r}: width and height must be from 1 to 16384 pixels")
+    return width, height
+
+
+def _render_device(device: str | None, variant_name: str) -> None:
+    if device is not None and device.startswith("cuda") and not variant_name.startswith("cuda"):
+        raise InputError(f"--device {device}: the renderer has no CUDA here, it uses {variant_name}")
+
+
+def _opaque(image: Array) -> Array:
+    return image[:, :, :3] if image.ndim == 3 else image
+
+
+def main() -> None:
+    """Run the command; errors become one line on stderr and exit status 2."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    try:
+        cli.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        click.echo("interrupted; nothing was written", err=True)
+        sys.exit(130)
+    except KeyboardInterrupt:
+        click.echo("interrupted; nothing was written", err=True)
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except (IntaglioError, MemoryError, ValueError) as error:
+        if isinstance(error, MemoryError):
+            error = IntaglioError("not enough memory; give a larger --spacing or a smaller --window")
+        elif not isinstance(error, IntaglioError) and "INTAGLIO_" not in str(error):
+            raise
+        click.echo(f"intaglio: {error}", err=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()
