@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -102,7 +103,7 @@ def run_parallel(work: Callable[[int], None], items: Iterable[int]) -> None:
 def split(count: int, parts: int) -> Iterator[tuple[int, int]]:
     """Yield (start, stop) of ``parts`` nearly equal ranges of ``range(count)``, none empty."""
     edges = np.linspace(0, count, max(1, min(parts, count)) + 1).astype(int)
-    yield from ((int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a)
+    yield from ((int(a), int(b)) for a, b in pairwise(edges) if b > a)
 
 
 def load(kernel: wp.Kernel, device: str) -> None:

@@ -16,6 +16,8 @@ wp.set_module_options({"enable_backward": False})
 _MOST_STEPS = wp.constant(96)
 # Barycentric slack: neighbouring facets of a curved base leave gaps of this order between their normal prisms.
 _SLACK = wp.constant(-2.0e-3)
+# A point on an edge or corner, up to rounding, needs only that edge's or corner's vertices.
+_TEXTURED_SHARE = wp.constant(0.999)
 
 
 def polar_grid(window: int, rotations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -150,15 +152,11 @@ def gather_kernel(
     faces: wp.array2d(dtype=wp.int32),
     height: wp.array(dtype=float),
     textured: wp.array(dtype=wp.uint8),
-    least: float,
     # output
     value: wp.array2d(dtype=float),
     known: wp.array2d(dtype=float),
 ):
-    """Interpolate heights at the located grid points from their triangles' textured corners.
-
-    A point is known (1, else 0) where those corners carry at least ``least`` of the barycentric weight.
-    """
+    """Interpolate heights at the located grid points; known (1 or 0) where textured corners carry the whole weight."""
     i = start + wp.tid()
     row = rows[i]
     for k in range(face.shape[1]):
@@ -174,7 +172,7 @@ def gather_kernel(
             wb = w[1] * float(textured[b])
             wc = (1.0 - w[0] - w[1]) * float(textured[c])
             total = wa + wb + wc
-            if total >= least:
+            if total >= _TEXTURED_SHARE:
                 h = (wa * height[a] + wb * height[b] + wc * height[c]) / total
                 m = float(1.0)
         value[i, k] = h
@@ -265,12 +263,8 @@ class GridLocator:
         located: tuple[wp.array, wp.array],
         height: wp.array,
         textured: wp.array,
-        least: float = 0.999,
     ) -> tuple[wp.array, wp.array]:
-        """Return interpolated heights and known flags, both (len(rows), G) float32, at rows of ``located``.
-
-        ``least``: share of the barycentric weight that textured corners must carry for a point to be known.
-        """
+        """Return interpolated heights and known flags, both (len(rows), G) float32, at rows of ``located``."""
         face, weight = located
         shape = (len(rows), face.shape[1])
         value = wp.empty(shape, dtype=float, device=self.device)
@@ -279,7 +273,7 @@ class GridLocator:
         launch(
             gather_kernel,
             len(rows),
-            inputs=[index, face, weight, self.faces, height, textured, float(least)],
+            inputs=[index, face, weight, self.faces, height, textured],
             outputs=[value, known],
             device=self.device,
         )

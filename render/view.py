@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from intaglio.render.variant import mitsuba
 
@@ -52,7 +53,9 @@ class Light:
     fill: float = 0.6
 
 
-def frame(vertices: Array, direction: Array, *, up: Array = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1) -> Camera:
+def frame(
+    vertices: Array, direction: Array, *, up: ArrayLike = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
+) -> Camera:
     """Return a camera that sees all of ``vertices`` (N, 3) from ``direction`` (3,), the way from the object to the eye."""
     vertices = np.asarray(vertices, np.float64)
     towards = np.asarray(direction, np.float64)
@@ -60,10 +63,14 @@ def frame(vertices: Array, direction: Array, *, up: Array = (0.0, 1.0, 0.0), fov
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     radius = float(np.linalg.norm(vertices - middle, axis=1).max())
     distance = margin * radius / np.sin(np.radians(fov) / 2)
-    up = np.asarray(up, np.float64)
-    if abs(up @ towards) > 0.99 * np.linalg.norm(up):
-        up = np.eye(3)[np.argmin(np.abs(towards))]
-    return Camera(tuple(middle + distance * towards), tuple(middle), tuple(up), fov)
+    upward = np.asarray(up, np.float64)
+    if abs(upward @ towards) > 0.99 * np.linalg.norm(upward):
+        upward = np.eye(3)[np.argmin(np.abs(towards))]
+    return Camera(_triple(middle + distance * towards), _triple(middle), _triple(upward), fov)
+
+
+def _triple(vector: Array) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])
 
 
 def view(
@@ -130,7 +137,7 @@ def view(
     return np.ascontiguousarray(rendered[:, :, :3] + (1 - alpha) * np.float32(background))
 
 
-def light_direction(origin: Array, up: Array, light: Light) -> Array:
+def light_direction(origin: Array, up: ArrayLike, light: Light) -> Array:
     """Return the unit vector towards the light for a camera at ``origin`` that looks at 0."""
     z = origin / np.linalg.norm(origin)
     x = np.cross(np.asarray(up, np.float64), z)

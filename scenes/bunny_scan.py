@@ -7,6 +7,7 @@ surface of all views, which the completion does not see, is the truth.
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -35,12 +36,19 @@ def run(args: argparse.Namespace) -> list[Result]:
     scan = read_surface(real_data("meshes/bunny_range_scans/bun000.ply"))
     truth = cut_out(read_surface(real_data("meshes/bunny_range_scans/bun_zipper.ply")), CENTER, 1.5 * PATCH)
     note = ("the truth is merged from other views: its own smoothing and alignment are part of the difference",)
-    shared: dict[str, object] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.00075, "refine": 4}
+    shared: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.00075, "refine": 4}
     hole = run_scene(
         "bunny_hole", "Bunny's haunch, a hole", by_hole(scan), args, truth=truth, extra=note, extent="holes", **shared
     )
     wide = run_scene(
-        "bunny_extent", "Bunny's haunch, beyond its edge", by_extent(scan), args, truth=truth, extra=note, extent=(25.0,), **shared
+        "bunny_extent",
+        "Bunny's haunch, beyond its edge",
+        by_extent(scan),
+        args,
+        truth=truth,
+        extra=note,
+        extent=(25.0,),
+        **shared,
     )
     return [hole, wide]
 

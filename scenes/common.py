@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -90,14 +91,14 @@ def run_scene(
     *,
     truth: Surface | None = None,
     extra: tuple[str, ...] = (),
-    **settings: object,
+    **settings: Any,
 ) -> Result:
     """Complete ``scan``, measure, render before, after and truth, and write mesh, picture and report."""
     print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
     update, close = progress_bar("growing relief")
     start = time.perf_counter()
     try:
-        whole = complete_relief(scan, seed=args.seed, device=args.device, progress=update, **settings)  # type: ignore[arg-type]
+        whole = complete_relief(scan, seed=args.seed, device=args.device, progress=update, **settings)
     finally:
         close()
     seconds = time.perf_counter() - start

@@ -6,6 +6,7 @@ The ball is made, so its back is known; the scan is simulated with a scanner's n
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from intaglio.scenes.ball import RADIUS, ball
 from intaglio.scenes.common import Result, options, run_scene
 from intaglio.surface import Surface, surface_from_range_image
 
-SETTINGS: dict[str, object] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.62, "refine": 4}
+SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.62, "refine": 4}
 NOISE = 0.01  # mm, a good desktop scanner's
 
 

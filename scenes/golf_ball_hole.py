@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from intaglio.scenes.ball import RADIUS, ball
 from intaglio.scenes.common import Result, options, run_scene
 from intaglio.surface import Surface
 
-SETTINGS: dict[str, object] = {"base": "sphere", "window": 7, "rotations": 12, "extent": "holes", "refine": 4}
+SETTINGS: dict[str, Any] = {"base": "sphere", "window": 7, "rotations": 12, "extent": "holes", "refine": 4}
 
 
 def with_hole(surface: Surface, *, radius: float = 9.0, noise: float = 0.01, seed: int = 0) -> Surface:

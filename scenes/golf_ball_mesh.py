@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from intaglio.scenes.common import Result, options, real_data, run_scene
 from intaglio.scenes.golf_ball import NOISE, one_view
 from intaglio.surface import Surface
 
-SETTINGS: dict[str, object] = {"base": "sphere", "window": 9, "rotations": 12, "spacing": 0.5, "refine": 4}
+SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 12, "spacing": 0.5, "refine": 4}
 
 
 def run(args: argparse.Namespace) -> Result:

@@ -3,9 +3,11 @@
 from intaglio.errors import DependencyError, FileError, FitError, InputError, IntaglioError, IntaglioWarning
 from intaglio.images import read_exr, read_image, write_exr, write_image
 from intaglio.mesh_files import read_surface, write_surface
+from intaglio.relief.assess import ReliefReport, TruthComparison, assess_relief
 from intaglio.relief.base import Base, Cylinder, Plane, Sphere
 from intaglio.relief.complete import complete_relief
 from intaglio.relief.fit import fit_base
+from intaglio.relief.report import write_relief_report
 from intaglio.surface import Surface, surface_from_points, surface_from_range_image
 
 __version__ = "0.1.0"
@@ -20,9 +22,12 @@ __all__ = [
     "IntaglioError",
     "IntaglioWarning",
     "Plane",
+    "ReliefReport",
     "Sphere",
     "Surface",
+    "TruthComparison",
     "__version__",
+    "assess_relief",
     "complete_relief",
     "fit_base",
     "read_exr",
@@ -32,5 +37,6 @@ __all__ = [
     "surface_from_range_image",
     "write_exr",
     "write_image",
+    "write_relief_report",
     "write_surface",
 ]

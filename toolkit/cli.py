@@ -75,9 +75,7 @@ def cli() -> None:
 @click.option("--metric", type=click.Choice(["displacement", "surface"]), default="displacement", show_default=True)
 @click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
 @click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
-@click.option(
-    "--frames", type=click.Choice(["algebraic", "sweep", "reference"]), default=None, help="Local frames; default by base."
-)
+@click.option("--frames", type=click.Choice(["algebraic", "sweep", "reference"]), default=None, help="Local frames.")
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
 @click.option("--view", type=_Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
@@ -271,7 +269,7 @@ def _mesh_facts(path: Path, repair: bool) -> list[str]:
     if not surface.measured.all():
         lines.append(f"provenance: {int(surface.measured.sum())} measured, {int((~surface.measured).sum())} filled vertices")
     if len(surface.faces):
-        number, label = pieces(surface.faces, len(surface.vertices))
+        _, label = pieces(surface.faces, len(surface.vertices))
         loops = border_loops(surface.faces)
         sizes = ", ".join(str(len(loop)) for loop in loops[:8]) + (", …" if len(loops) > 8 else "")
         lines.append(f"{len(np.unique(label[used]))} pieces; {len(loops)} border loops" + (f" of {sizes} edges" if loops else ""))

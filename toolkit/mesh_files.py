@@ -211,7 +211,7 @@ def _from_trimesh(mesh: Any, path: Path, view: Sequence[float] | None) -> Surfac
 
 def _colors(mesh: Any, count: int) -> Array | None:
     """Vertex colours as linear floats, if the file has them; a texture is sampled at the vertices."""
-    visual = getattr(mesh, "visual", None)
+    visual: Any = getattr(mesh, "visual", None)
     if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
         visual = visual.to_color()
     colors = None
@@ -274,7 +274,7 @@ def _field_names(data: Any) -> tuple[str, ...]:
 
 
 def _ply_comments(path: Path) -> list[str]:
-    comments = []
+    comments: list[str] = []
     with open(path, "rb") as file:
         if not _HEAD.match(file.read(4)):
             raise FileError(f"{path}: its content is not PLY, whatever its name says")
@@ -303,8 +303,10 @@ def _from_range_grid(mesh: Any, grid: dict[str, Any], path: Path, view: Sequence
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
         inside = bool(((low <= 0) & (high >= 0)).all())
-        view = middle + (0.0, 0.0, 10.0 * size) if inside or np.linalg.norm(middle) < 2 * size else np.zeros(3)
-    return surface_from_range_image(points.reshape(rows, columns, 3), view=np.asarray(view, np.float64))
+        stood = middle + (0.0, 0.0, 10.0 * size) if inside or np.linalg.norm(middle) < 2 * size else np.zeros(3)
+    else:
+        stood = np.asarray(view, np.float64)
+    return surface_from_range_image(points.reshape(rows, columns, 3), view=stood)
 
 
 def _ply_header(path: Path) -> dict[str, str]:

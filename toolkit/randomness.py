@@ -32,7 +32,7 @@ def uniform(seed: int, stream: int, *keys: np.ndarray | int) -> np.ndarray:
         Element numbers, such as vertex and attempt.
     """
     with np.errstate(over="ignore"):
-        state = _mix(np.uint64(int(seed) & 0xFFFFFFFFFFFFFFFF) + _GAMMA * np.uint64(stream + 1))
+        state = _mix(np.array(int(seed) & 0xFFFFFFFFFFFFFFFF, np.uint64) + _GAMMA * np.uint64(stream + 1))
         for key in np.broadcast_arrays(*[np.asarray(k) for k in keys]):
             state = _mix(state * _GAMMA + key.astype(np.int64).view(np.uint64) + _GAMMA)
     return (np.asarray(state) >> np.uint64(11)).astype(np.float64) * 2.0**-53

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from intaglio.errors import InputError
 
@@ -54,11 +55,11 @@ class Surface:
 
     vertices: Array
     faces: Array
-    base: Array = field(default=None)  # type: ignore[assignment]
-    normal: Array = field(default=None)  # type: ignore[assignment]
+    base: Array = None  # type: ignore[assignment]
+    normal: Array = None  # type: ignore[assignment]
     color: Array | None = None
-    measured: Array = field(default=None)  # type: ignore[assignment]
-    source: Array = field(default=None)  # type: ignore[assignment]
+    measured: Array = None  # type: ignore[assignment]
+    source: Array = None  # type: ignore[assignment]
     rotation: Array | None = None
     error: Array | None = None
     model: Base | None = None
@@ -148,7 +149,7 @@ def vertex_normals(vertices: Array, faces: Array) -> Array:
 
 
 def surface_from_range_image(
-    points: Array, *, view: Array = (0.0, 0.0, 0.0), color: Array | None = None, steepest: float = 80.0
+    points: Array, *, view: ArrayLike = (0.0, 0.0, 0.0), color: Array | None = None, steepest: float = 80.0
 ) -> Surface:
     """Triangulate an organised range image in its own grid; depth discontinuities are not bridged.
 
@@ -201,7 +202,7 @@ def surface_from_range_image(
     )
 
 
-def surface_from_points(points: Array, direction: Array, *, color: Array | None = None, longest: float = 3.0) -> Surface:
+def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | None = None, longest: float = 3.0) -> Surface:
     """Triangulate a point cloud seen along a view direction, by Delaunay in the view plane.
 
     Parameters
@@ -313,7 +314,7 @@ def _fans(topology: object, faces: Array, vertex: int) -> list[list[int]]:
 
 
 def _rows(value: Array, name: str, dtype: type, count: int | None = None) -> Array:
-    array = np.ascontiguousarray(value, dtype)
+    array: Array = np.ascontiguousarray(value, dtype)
     if array.ndim != 2 or array.shape[1] != 3 or (count is not None and len(array) != count):
         raise InputError(f"{name} must have shape ({'N' if count is None else count}, 3), not {array.shape}")
     finite = np.isfinite(array).all(axis=1)

@@ -138,7 +138,7 @@ class Plane(Base):
     parameter_count: ClassVar[int] = 3
     point: Array
     normal: Array
-    direction: Array | None = None
+    direction: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         normal = _vector(self.normal, "normal", unit_length=True)
@@ -149,12 +149,14 @@ class Plane(Base):
         object.__setattr__(self, "direction", _vector(along, "direction", unit_length=True))
 
     def foot(self, points: Array) -> tuple[Array, Array]:
+        """See `Base.foot`."""
         points = np.asarray(points, np.float64)
         normal = self.normal * self.orientation
         height = (points - self.point) @ normal
         return points - height[:, None] * normal, np.tile(normal, (len(points), 1))
 
     def chart(self, points: Array) -> Array:
+        """See `Base.chart`."""
         axes = np.stack([self.direction, np.cross(self.normal * self.orientation, self.direction)], axis=1)
         return (np.asarray(points, np.float64) - self.point) @ axes
 
@@ -165,10 +167,12 @@ class Plane(Base):
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
+        """See `Base.kernel_parameters`."""
         return 0, self.point, self.normal * self.orientation, 0.0
 
     @property
     def parameters(self) -> dict[str, object]:
+        """See `Base.parameters`."""
         return {"point": self.point, "normal": self.normal * self.orientation}
 
 
@@ -188,6 +192,7 @@ class Cylinder(Base):
         object.__setattr__(self, "radius", _radius(self.radius))
 
     def foot(self, points: Array) -> tuple[Array, Array]:
+        """See `Base.foot`."""
         relative = np.asarray(points, np.float64) - self.point
         along = relative @ self.axis
         outward = unit(relative - along[:, None] * self.axis)
@@ -197,6 +202,7 @@ class Cylinder(Base):
         return foot, outward * self.orientation
 
     def chart(self, points: Array) -> Array:
+        """See `Base.chart`."""
         relative = np.asarray(points, np.float64) - self.point
         e1 = perpendicular(self.axis)
         e2 = np.cross(self.axis, e1)
@@ -214,10 +220,12 @@ class Cylinder(Base):
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
+        """See `Base.kernel_parameters`."""
         return 1, self.point, self.axis, self.radius
 
     @property
     def parameters(self) -> dict[str, object]:
+        """See `Base.parameters`."""
         return {"radius": self.radius, "point on axis": self.point, "axis": self.axis}
 
 
@@ -235,16 +243,19 @@ class Sphere(Base):
         object.__setattr__(self, "radius", _radius(self.radius))
 
     def foot(self, points: Array) -> tuple[Array, Array]:
+        """See `Base.foot`."""
         outward = unit(np.asarray(points, np.float64) - self.center)
         outward[~outward.any(axis=1)] = (0.0, 0.0, 1.0)
         return self.center + self.radius * outward, outward * self.orientation
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
+        """See `Base.kernel_parameters`."""
         return 2, self.center, np.array([0.0, 0.0, 1.0]), self.radius
 
     @property
     def parameters(self) -> dict[str, object]:
+        """See `Base.parameters`."""
         return {"radius": self.radius, "center": self.center}
 
 

@@ -185,7 +185,7 @@ def complete_relief(
     if refine:
         assert isinstance(matcher, DisplacementMetric)
         passes = refine_relief(ground, matcher, growth.state, window=window, passes=refine, seed=seed)
-    settings = (
+    settings: tuple[str, ...] = (
         f"window {window} (reach {window * ground.spacing:.6g}), rotations {rotations}, metric {metric}, order {order}, "
         f"{len(samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
         f"grown in {growth.waves} lists; error bound {error:.6g} at first, {growth.threshold:.6g} at last; "

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from intaglio.errors import InputError
 from intaglio.relief.base import Base, Cylinder, Plane, Sphere, perpendicular, unit
@@ -119,16 +119,37 @@ def _sphere(base: Sphere, feet: Array, spacing: float, extent: Extent) -> Region
 
 
 def _cap(base: Sphere, middle: Array, half_angle: float, spacing: float) -> Array:
-    """Return the points of a Fibonacci lattice about ``middle`` that lie within ``half_angle`` (radians) of it."""
-    low = np.cos(half_angle)
-    count = _checked(2 * np.pi * base.radius**2 * (1 - low), spacing)
-    z = 1 - (1 - low) * (np.arange(count) + 0.5) / count
-    angle = np.pi * (1 + 5**0.5) * np.arange(count)
-    ring = np.sqrt(np.maximum(1 - z**2, 0))
-    e1 = perpendicular(middle)
-    e2 = np.cross(middle, e1)
-    direction = (ring * np.cos(angle))[:, None] * e1 + (ring * np.sin(angle))[:, None] * e2 + z[:, None] * middle
-    return base.center + base.radius * direction
+    """Return points about ``spacing`` apart that lie within ``half_angle`` (radians) of ``middle``: nearly a triangular lattice."""
+    _checked(2 * np.pi * base.radius**2 * (1 - np.cos(half_angle)), spacing)
+    if half_angle < np.pi / 6:
+        # A flat lattice rolled on along great circles; 30 degrees out it is squeezed by 5 %.
+        reach = base.radius * half_angle
+        flat = _hexagonal(-reach, reach, -reach, reach, spacing, wrap=False)
+        length = np.linalg.norm(flat, axis=1)
+        flat, length = flat[length <= reach], length[length <= reach]
+        e1 = perpendicular(middle)
+        along = unit(flat) @ np.stack([e1, np.cross(middle, e1)])
+        angle = (length / base.radius)[:, None]
+        return base.center + base.radius * (np.cos(angle) * middle + np.sin(angle) * along)
+    direction = _geodesic_lattice(max(2, round(1.107 * base.radius / (0.9 * spacing))))
+    return base.center + base.radius * direction[direction @ middle >= np.cos(half_angle)]
+
+
+def _geodesic_lattice(frequency: int) -> Array:
+    """Return 10 frequency^2 + 2 directions: a triangular lattice on the faces of an icosahedron, about 1.1 / frequency apart."""
+    golden = (1 + 5**0.5) / 2
+    corners = np.array([(s * a, t * b, 0.0) for a, b in ((1.0, golden),) for s in (1, -1) for t in (1, -1)])
+    corners = unit(np.concatenate([np.roll(corners, k, axis=1) for k in range(3)]))
+    faces = ConvexHull(corners).simplices
+    i, j = np.meshgrid(np.arange(frequency + 1), np.arange(frequency + 1), indexing="ij")
+    i, j = i[i + j <= frequency], j[i + j <= frequency]
+    # Great-circle interpolation keeps the steps nearly equal from a face's corner to its middle.
+    weight = np.stack([i, j, frequency - i - j], axis=1) / frequency
+    edge = np.arccos(corners[faces[0, 0]] @ corners[faces[0, 1]])
+    points = unit(np.einsum("pk,fkc->fpc", np.sin(weight * edge), corners[faces]).reshape(-1, 3))
+    # Faces share their edges' points.
+    _, first = np.unique(np.round(points * frequency * 4).astype(np.int64), axis=0, return_index=True)
+    return points[np.sort(first)]
 
 
 def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent: Extent) -> Region:
@@ -143,7 +164,7 @@ def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent:
     _checked(turn * (high - low), spacing)
     lattice = scan_lattice(chart, faces)
     columns = None if lattice is None else _upright(lattice)
-    if columns is not None:
+    if lattice is not None and columns is not None:
         grid = _close_the_turn(chart, lattice, columns, turn, low, high)
     else:
         grid = _hexagonal(0.0, turn, low, high, spacing, wrap=True)
@@ -296,7 +317,7 @@ def _checked(area: float, spacing: float) -> int:
     return max(count, 4)
 
 
-def _numbers(extent: Sequence[float], count: int, meaning: str) -> list[float]:
+def _numbers(extent: str | Sequence[float], count: int, meaning: str) -> list[float]:
     values = [float(v) for v in np.atleast_1d(np.asarray(extent, np.float64))]
     if len(values) != count or not np.isfinite(values).all():
         raise InputError(f"{meaning}: {count} finite numbers, not {extent!r}")

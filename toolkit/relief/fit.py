@@ -28,7 +28,7 @@ _FIT_POINTS = 6_000
 def fit_base(points: Array, kinds: Sequence[str] = KINDS) -> Base:
     """Fit the base shape that explains the points best.
 
-    Every kind is fitted by least squares of the orthogonal (geometric) distances under a robust loss (soft L1, scaled by
+    Every kind is fitted by least squares of the orthogonal (geometric) distances under a robust loss (Cauchy, scaled by
     the median absolute deviation), so that relief on one side of the base, dimples or bumps, pulls it little. The kind is
     chosen by ``n log(s^2) + k log(n)`` with the mean absolute residual s, k parameters and n the number of points, counted
     as at most 200 independent ones.
@@ -134,7 +134,7 @@ def _robust(residual: object, start: Array) -> Array | None:
     for _ in range(2):
         r = residual(x)  # type: ignore[operator]
         scale = max(1.4826 * float(np.median(np.abs(r - np.median(r)))), 1e-9)
-        x = least_squares(residual, x, loss="soft_l1", f_scale=0.5 * scale, max_nfev=200).x
+        x = least_squares(residual, x, loss="cauchy", f_scale=0.5 * scale, max_nfev=200).x
     return x if np.isfinite(x).all() else None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.sparse.csgraph import breadth_first_order
 
@@ -82,7 +84,7 @@ def _sweep(normal: Array, faces: Array, seed_vertex: int) -> Array:
         done[start] = True
         level = depth[order]
         edges = np.searchsorted(level, np.arange(1, level[-1] + 2))
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in pairwise(edges):
             ring = order[first:last]
             rows = graph[ring]
             # Sum of the frames set before; their transport to here is the projection on this tangent plane.

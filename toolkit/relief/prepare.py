@@ -220,8 +220,8 @@ def _pieces_on_base(base: Base, vertices: Array, faces: Array) -> tuple[Array, A
     main = used & (label == largest)
     tolerance = _ON_BASE * max(1.4826 * float(np.median(distance[main])), 1e-12)
     # A piece of a few triangles has no relief to give and would only pepper the base with islands.
-    enough = [p for p in np.flatnonzero(sizes >= 50) if np.median(distance[used & (label == p)]) <= tolerance]
-    taken = np.isin(label, [largest, *enough]) & used
+    enough = [int(p) for p in np.flatnonzero(sizes >= 50) if np.median(distance[used & (label == p)]) <= tolerance]
+    taken = np.isin(label, np.array([largest, *enough])) & used
     real = int((sizes > 0).sum())
     note = ""
     if real > 1 or not used.all():

@@ -153,8 +153,10 @@ def _plot(x: Array, curves: list[Array], label: str, left: str, right: str) -> s
         lines += f'<polyline fill="none" stroke="{color}" stroke-width="2" points="{path}"/>'
     return (
         f'<svg viewBox="0 0 320 165" role="img" aria-label="{html.escape(label)}">{lines}'
-        f'<line x1="10" y1="131" x2="310" y2="131" stroke="#bbb"/><g font-size="11" fill="#555"><text x="10" y="145">{left}</text>'
-        f'<text x="310" y="145" text-anchor="end">{right}</text><text x="160" y="160" text-anchor="middle">{html.escape(label)}</text>'
+        f'<line x1="10" y1="131" x2="310" y2="131" stroke="#bbb"/>'
+        f'<g font-size="11" fill="#555"><text x="10" y="145">{left}</text>'
+        f'<text x="310" y="145" text-anchor="end">{right}</text>'
+        f'<text x="160" y="160" text-anchor="middle">{html.escape(label)}</text>'
         f'<text x="310" y="12" text-anchor="end" fill="{_MEASURED}">measured</text>'
         f'<text x="310" y="25" text-anchor="end" fill="{_FILLED}">filled</text></g></svg>'
     )
