@@ -14,7 +14,8 @@ from intaglio.kernels.launch import launch
 wp.set_module_options({"enable_backward": False})
 
 _MOST_STEPS = wp.constant(96)
-# Barycentric slack: neighbouring facets of a curved base leave gaps of this order between their normal prisms.
+# Barycentric slack: neighbouring facets of a curved base leave gaps of this order between their normal prisms. Within it
+# heights are extrapolated, so that linear ones stay exact.
 _SLACK = wp.constant(-2.0e-3)
 # A point on an edge or corner, up to rounding, needs only that edge's or corner's vertices.
 _TEXTURED_SHARE = wp.constant(0.999)
@@ -137,8 +138,6 @@ def locate_kernel(
                 b = wp.vec3(query.u, query.v, 1.0 - query.u - query.v)
         if found >= 0:
             here = found
-            b = wp.vec3(wp.max(b[0], 0.0), wp.max(b[1], 0.0), wp.max(b[2], 0.0))
-            b = b / (b[0] + b[1] + b[2])
         face[i, k] = found
         weight[i, k] = wp.vec2(b[0], b[1])
 

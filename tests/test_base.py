@@ -144,7 +144,7 @@ def test_charts_invert(inward):
 
 
 def test_the_inside_of_a_bowl_faces_inwards():
-    points, outward = sphere_points(center=(0, 0, 0), count=300)
+    points, _outward = sphere_points(center=(0, 0, 0), count=300)
     from scipy.spatial import Delaunay
 
     faces = Delaunay(points[:, :2]).simplices

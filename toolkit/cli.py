@@ -113,9 +113,8 @@ def complete(
         click.echo(f"  {note}", err=True)
     intaglio.write_surface(whole, output)
     filled = int((~whole.measured).sum())
-    click.echo(
-        f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {time.perf_counter() - start:.1f} s"
-    )
+    seconds = time.perf_counter() - start
+    click.echo(f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {seconds:.1f} s")
     if report is not None:
         from intaglio.relief.report import write_relief_report
 

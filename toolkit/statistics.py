@@ -7,9 +7,12 @@ from scipy.spatial import cKDTree
 from scipy.special import j0
 from scipy.stats import wasserstein_distance
 
+from intaglio.topology import unique_edges
+
 Array = np.ndarray
 
 _PAIR_POINTS = 2500
+_SEAM_RINGS = 10
 
 
 def mean_surface_integral(relief: Array) -> float:
@@ -74,8 +77,12 @@ def roughness_spectrum(points: Array, values: Array, spacing: float) -> tuple[Ar
     return wavelength, np.maximum(2 * np.pi * kernel.sum(axis=1) * 0.5 * spacing, 0.0)
 
 
-def seam_measure(points: Array, values: Array, across: Array, inside: Array) -> float:
-    """Return how much larger the jumps across a seam are than jumps inside over the same distances; 1: no seam.
+def seam_measure(points: Array, values: Array, faces: Array, measured: Array) -> float:
+    """Return how much larger jumps across the seam are than jumps along the same direction inside; 1: no seam.
+
+    Jumps are height differences over edges. Those across the seam join a measured and a filled vertex; those they are held
+    against join rings 1 to 10 of measured vertices around the seam, so they run the same way, and are averaged as a
+    function of edge length. On relief with a direction the measure depends on where its phase meets the seam.
 
     Parameters
     ----------
@@ -83,36 +90,47 @@ def seam_measure(points: Array, values: Array, across: Array, inside: Array) -> 
         Base points.
     values : (N,) array
         Relief.
-    across : (E, 2) integer array
-        Edges over the seam.
-    inside : (N,) bool array
-        The measured vertices, whose pairs give the expected jump as a function of distance.
+    faces : (F, 3) array
+        Triangles.
+    measured : (N,) bool array
+
+    Returns
+    -------
+    float
+        NaN where there is no seam or no ring beside it.
     """
-    if len(across) == 0 or inside.sum() < 3:
+    edges = unique_edges(faces)
+    crossing = measured[edges[:, 0]] != measured[edges[:, 1]]
+    ring = _rings_from_seam(edges, crossing, measured)
+    beside = np.abs(ring[edges[:, 0]] - ring[edges[:, 1]]) == 1
+    beside &= (ring[edges] > 0).all(axis=1) & (ring[edges] <= _SEAM_RINGS).all(axis=1)
+    if not crossing.any() or not beside.any():
         return float("nan")
-    length = np.linalg.norm(points[across[:, 0]] - points[across[:, 1]], axis=1)
-    jump = np.abs(values[across[:, 0]] - values[across[:, 1]])
-    own = np.flatnonzero(inside)
-    take = own[np.unique(np.linspace(0, len(own) - 1, min(len(own), _PAIR_POINTS)).astype(int))]
-    reach = float(np.quantile(length, 0.99))
-    pairs = cKDTree(points[take]).sparse_distance_matrix(cKDTree(points[own]), reach, output_type="coo_matrix")
-    apart = pairs.data > 0
-    distance = pairs.data[apart]
-    expected_jump = np.abs(values[take[pairs.row[apart]]] - values[own[pairs.col[apart]]])
-    if len(distance) == 0:
-        return float("nan")
-    edges = np.unique(np.quantile(distance, np.linspace(0, 1, 17)))
-    if len(edges) < 2:
-        return float("nan")
-    at = np.clip(np.searchsorted(edges, distance, side="right") - 1, 0, len(edges) - 2)
-    count = np.bincount(at, minlength=len(edges) - 1)
-    middle = np.bincount(at, distance, len(edges) - 1) / np.maximum(count, 1)
-    mean = np.bincount(at, expected_jump, len(edges) - 1) / np.maximum(count, 1)
+    length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
+    jump = np.abs(values[edges[:, 0]] - values[edges[:, 1]])
+    bounds = np.unique(np.quantile(length[beside], np.linspace(0, 1, 9)))
+    at = np.clip(np.searchsorted(bounds, length[beside], side="right") - 1, 0, max(len(bounds) - 2, 0))
+    count = np.bincount(at)
     use = count > 0
-    # Towards distance zero the expected jump goes to that of the nearest pairs (noise), not to zero.
-    expected = np.interp(length, middle[use], mean[use])
+    middle = np.bincount(at, length[beside])[use] / count[use]
+    expected = np.interp(length[crossing], middle, np.bincount(at, jump[beside])[use] / count[use])
     total = float(expected.sum())
-    return float(jump.sum() / total) if total > 0 else (1.0 if jump.sum() == 0 else float("inf"))
+    if total > 0:
+        return float(jump[crossing].sum() / total)
+    return 1.0 if jump[crossing].sum() == 0 else float("inf")
+
+
+def _rings_from_seam(edges: Array, crossing: Array, measured: Array) -> Array:
+    """Ring number of measured vertices, 1 at the seam, up to _SEAM_RINGS; 0 elsewhere."""
+    ring = np.zeros(len(measured), int)
+    ring[np.unique(edges[crossing])] = 1
+    ring[~measured] = 0
+    inner = edges[measured[edges].all(axis=1)]
+    for number in range(2, _SEAM_RINGS + 1):
+        near = ring[inner] == number - 1
+        reached = np.concatenate([inner[near[:, 0], 1], inner[near[:, 1], 0]])
+        ring[reached[ring[reached] == 0]] = number
+    return ring
 
 
 def histogram_overlap(values: Array, reference: Array, bins: int = 64) -> float:

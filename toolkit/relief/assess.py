@@ -163,7 +163,6 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     tilt = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", normals, surface.normal), -1, 1)))
     edges = unique_edges(surface.faces)
     spacing = float(np.median(np.linalg.norm(surface.base[edges[:, 0]] - surface.base[edges[:, 1]], axis=1)))
-    across = edges[measured[edges[:, 0]] != measured[edges[:, 1]]]
     msi_measured, msi_filled = mean_surface_integral(relief[measured]), mean_surface_integral(relief[filled])
     spread = float(relief[measured].std())
     wavelength, spectrum_measured = roughness_spectrum(surface.base[measured], relief[measured], spacing)
@@ -179,7 +178,7 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
         std_filled=float(relief[filled].std()),
         displacement_emd=earth_movers_distance(relief[filled], relief[measured]),
         normal_emd=earth_movers_distance(tilt[filled], tilt[measured]),
-        seam=seam_measure(surface.base, relief, across, measured),
+        seam=seam_measure(surface.base, relief, surface.faces[(measured | filled)[surface.faces].all(axis=1)], measured),
         wavelength=wavelength,
         spectrum_measured=spectrum_measured,
         spectrum_filled=spectrum_filled,

@@ -119,7 +119,7 @@ def _sphere(base: Sphere, feet: Array, spacing: float, extent: Extent) -> Region
 
 
 def _cap(base: Sphere, middle: Array, half_angle: float, spacing: float) -> Array:
-    """Return points about ``spacing`` apart that lie within ``half_angle`` (radians) of ``middle``: nearly a triangular lattice."""
+    """Return a nearly triangular lattice of step ``spacing`` within ``half_angle`` (radians) of ``middle``."""
     _checked(2 * np.pi * base.radius**2 * (1 - np.cos(half_angle)), spacing)
     if half_angle < np.pi / 6:
         # A flat lattice rolled on along great circles; 30 degrees out it is squeezed by 5 %.

@@ -1,0 +1,227 @@
+"""What relief completion costs, beside what this machine can do. Run with ``make bench``; nothing here is asserted.
+
+``python -m tests.benchmarks.relief --sizes 1000,4000`` shortens the growth table, ``--skip-surface`` leaves the papers' metric out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+
+import intaglio  # noqa: E402
+from intaglio.kernels.launch import choose_device, single_threaded_blas, threads  # noqa: E402
+from intaglio.kernels.location import polar_grid  # noqa: E402
+from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher  # noqa: E402
+from intaglio.scenes.patterns import bumps, cylinder_base, grid_faces, on_cylinder, on_plane, plane_base, plane_wave, wave  # noqa: E402
+
+
+def main() -> None:
+    """Print every table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default=None)
+    parser.add_argument("--sizes", default="1000,4000,16000,64000")
+    parser.add_argument("--skip-surface", action="store_true")
+    parser.add_argument("--skip-golf", action="store_true")
+    parser.add_argument("--one-size", type=int, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    device = choose_device(args.device)
+    if args.one_size:
+        one_size(args.one_size, device)
+        return
+    machine(device)
+    warm_up(device)
+    papers_patterns(device)
+    bark_size(device, args.skip_surface)
+    matching(device)
+    growth(device, [int(s) for s in args.sizes.split(",")])
+    if not args.skip_golf:
+        golf(device)
+
+
+def machine(device: str) -> None:
+    """Matrix product and memory copy of this machine, the measure of everything below."""
+    a = np.random.default_rng(0).normal(size=(3000, 3000)).astype(np.float32)
+    sgemm = best(lambda: a @ a)
+    with single_threaded_blas():
+        single = best(lambda: a @ a)
+    big = np.ones(64 << 20, np.float32)
+    target = np.empty_like(big)
+    copy = best(lambda: np.copyto(target, big))
+    print(f"device {device}, {threads()} CPU threads")
+    print(f"sgemm {2 * 3000**3 / sgemm / 1e9:.0f} GFLOP/s (one thread {2 * 3000**3 / single / 1e9:.0f}), ", end="")
+    print(f"copy {2 * big.nbytes / copy / 1e9:.1f} GB/s read and written\n")
+
+
+def best(work, repeats: int = 3) -> float:
+    """Return the least wall time of ``repeats`` runs."""
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def warm_up(device: str) -> None:
+    """Fill Warp's kernel cache, so that times below are warm."""
+    scan, _ = on_cylinder(wave)
+    for metric in ("displacement", "surface"):
+        intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, metric=metric, device=device)
+
+
+def papers_patterns(device: str) -> None:
+    """Paper 001, table 1 and section 3.1: mean over five seeds, with and without noise."""
+    print("pattern, w = 2, e = 0.1 (five seeds)      samples targets   % MSI   mean |%|  seconds   paper %  paper s")
+    cases = [
+        ("cylinder bumps", on_cylinder(bumps)[0], cylinder_base(), None, "0.71", "23.15"),
+        ("cylinder wave", on_cylinder(wave)[0], cylinder_base(), None, "1.80", "23.15"),
+        ("plane wave", on_plane(plane_wave)[0], plane_base(), (0.0, 74.0, 0.0, 40.0), "0.35", "217.9"),
+    ]
+    for noise in (0.0, 0.02):
+        for name, scan, base, extent, paper, paper_seconds in cases:
+            percents, times = [], []
+            for seed in range(1, 6):
+                noisy = with_noise(scan, base, noise, seed)
+                start = time.perf_counter()
+                whole = intaglio.complete_relief(noisy, base, 2, 0.1, extent=extent, seed=seed, device=device)
+                times.append(time.perf_counter() - start)
+                relief = whole.relief
+                measured = relief[whole.measured].mean()
+                percents.append(100 * (relief[~whole.measured].mean() - measured) / abs(measured))
+            label = f"{name}, noise {noise:g}"
+            print(
+                f"{label:40s} {whole.measured.sum():8d} {(~whole.measured).sum():7d} {np.mean(percents):+8.3f} "
+                f"{np.mean(np.abs(percents)):9.3f} {np.median(times):8.3f} {paper:>9s} {paper_seconds:>8s}"
+            )
+    print()
+
+
+def with_noise(scan: intaglio.Surface, base: intaglio.Base, noise: float, seed: int) -> intaglio.Surface:
+    """Return ``scan`` with Gaussian noise along the base normal."""
+    normal = base.foot(scan.vertices)[1]
+    jitter = np.random.default_rng(seed).normal(0, noise, len(scan.vertices))
+    return intaglio.Surface(vertices=scan.vertices + jitter[:, None] * normal, faces=scan.faces)
+
+
+def rough_tube(rows: int, columns: int, around: int) -> intaglio.Surface:
+    """Return a stochastic relief on part of a tube: rows x columns samples of ``around`` columns."""
+    rng = np.random.default_rng(0)
+    angle, z = np.meshgrid(np.arange(columns) * 2 * np.pi / around, np.arange(rows, dtype=float), indexing="ij")
+    height = np.zeros_like(angle)
+    for _ in range(60):
+        height += 0.15 * np.sin(rng.integers(8, around // 5) * angle + rng.normal(0, 0.5) * z + rng.uniform(0, 2 * np.pi))
+    radius = around / (2 * np.pi) + height
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)
+    return intaglio.Surface(vertices=points.reshape(-1, 3), faces=grid_faces(columns, rows, False))
+
+
+def bark_size(device: str, skip_surface: bool) -> None:
+    """The size of paper 000's figure 9: 12,852 samples, 7,200 targets, w = 3, R = 2; 13 hours there."""
+    scan = rough_tube(102, 126, 126 + 71)
+    print("12,852 samples, 7,200 targets, w = 3, R = 2, from reading to writing (paper: about 13 hours)")
+    with tempfile.TemporaryDirectory() as folder:
+        source, result = Path(folder) / "scan.ply", Path(folder) / "whole.ply"
+        scan.write(source)
+        for metric in ("displacement",) if skip_surface else ("displacement", "surface"):
+            start = time.perf_counter()
+            whole = intaglio.complete_relief(
+                intaglio.read_surface(source), "cylinder", 3, rotations=2, metric=metric, oversample=False, device=device
+            )
+            whole.write(result)
+            seconds = time.perf_counter() - start
+            report = intaglio.assess_relief(whole)
+            print(
+                f"  {metric:13s} {seconds:8.2f} s, {(~whole.measured).sum()} targets; displacement EMD "
+                f"{report.displacement_emd:.3f}, std ratio {report.std_filled / report.std_measured:.3f}"
+            )
+    print()
+
+
+def matching(device: str) -> None:
+    """Matching alone, both engines, as a share of the matrix product."""
+    _, ring, permutation = polar_grid(3, 2)
+    grid, samples, targets = len(ring), 12852, 1000
+    rng = np.random.default_rng(0)
+    sample = rng.normal(size=(samples, grid)).astype(np.float32)
+    value = rng.normal(size=(targets, grid)).astype(np.float32)
+    weight = np.full((targets, grid), 1 / grid, np.float32)
+    print(f"matching alone: {targets} targets, {2 * samples} candidates, {grid} grid points")
+    for engine, operations in (("blas", 4), ("warp", 3)):
+        if engine == "blas" and device != "cpu":
+            continue
+        matcher = NeighbourhoodMatcher(sample, np.ones_like(sample), permutation, device=device, engine=engine)
+        matcher.match(value[:8], weight[:8])
+        seconds = best(lambda m=matcher: m.match(value, weight))
+        rate = operations * targets * 2 * samples * grid / seconds / 1e9
+        print(
+            f"  {engine}: {seconds:.3f} s, {rate:.1f} GFLOP/s ({operations} operations per point: {'expansion' if engine == 'blas' else 'direct'})"
+        )
+    print()
+
+
+def growth(device: str, sizes: list[int]) -> None:
+    """Time and peak memory over the number of vertices, half of them targets, each in a process of its own."""
+    print("growth: vertices, half of them targets, w = 5, R = 2")
+    print("  vertices  samples  targets  seconds  peak GiB  seconds x 1e9 / (samples x targets)")
+    for size in sizes:
+        command = [sys.executable, "-m", "tests.benchmarks.relief", "--one-size", str(size), "--device", device]
+        print(subprocess.run(command, capture_output=True, text=True, check=True).stdout, end="", flush=True)
+    print()
+
+
+def one_size(size: int, device: str) -> None:
+    """Print one row of the growth table."""
+    warm_up(device)
+    around = round(np.sqrt(2 * size))
+    rows = round(size / around)
+    scan = rough_tube(rows, around // 2, around)
+    start = time.perf_counter()
+    whole = intaglio.complete_relief(scan, "cylinder", 5, rotations=2, oversample=False, device=device)
+    seconds = time.perf_counter() - start
+    measured, filled = int(whole.measured.sum()), int((~whole.measured).sum())
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(
+        f"  {measured + filled:8d} {measured:8d} {filled:8d} {seconds:8.2f} {peak:9.2f} {1e9 * seconds / (measured * filled):9.1f}"
+    )
+
+
+def golf(device: str) -> None:
+    """The golf ball scenes over five seeds, growth alone and refined."""
+    from intaglio.scenes.ball import ball
+    from intaglio.scenes.golf_ball import SETTINGS as ONE_VIEW
+    from intaglio.scenes.golf_ball import one_view
+    from intaglio.scenes.golf_ball_hole import SETTINGS as HOLE
+    from intaglio.scenes.golf_ball_hole import with_hole
+
+    print("golf ball (five seeds)             % MSI mean   least    most   mean |%|   EMD   seam  seconds   paper %")
+    cases = [("one view", one_view(ball(4, 7)), ONE_VIEW, "-1.99"), ("hole", with_hole(ball(4, 5)), HOLE, "-8.07")]
+    for name, scan, settings, paper in cases:
+        for refine in (0, settings["refine"]):
+            reports, times = [], []
+            for seed in range(1, 6):
+                start = time.perf_counter()
+                whole = intaglio.complete_relief(scan, seed=seed, device=device, **{**settings, "refine": refine})
+                times.append(time.perf_counter() - start)
+                reports.append(intaglio.assess_relief(whole))
+            percent = np.array([r.msi_percent for r in reports])
+            label = f"{name}, " + (f"{refine} refinement passes" if refine else "growth alone")
+            print(
+                f"{label:35s} {percent.mean():+9.2f} {percent.min():+8.2f} {percent.max():+7.2f} {np.abs(percent).mean():9.2f} "
+                f"{np.mean([r.displacement_emd for r in reports]):6.3f} {np.mean([r.seam for r in reports]):6.3f} "
+                f"{np.median(times):8.2f} {paper:>9s}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+"""The command line: what it writes, what it says, how it fails."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import intaglio
+from intaglio.cli import main
+
+
+def run(monkeypatch, capsys, *arguments):
+    """Run the command in this process; return (status, stdout, stderr)."""
+    monkeypatch.setattr(sys, "argv", ["intaglio", *map(str, arguments)])
+    status = 0
+    try:
+        main()
+    except SystemExit as stop:
+        status = stop.code or 0
+    out = capsys.readouterr()
+    return status, out.out, out.err
+
+
+@pytest.fixture
+def scan_file(wave_sheet, tmp_path):
+    scan, _ = wave_sheet
+    holed = scan.part(np.linalg.norm(scan.vertices[:, :2] - 20, axis=1) > 5)
+    holed.write(tmp_path / "scan.ply")
+    return tmp_path / "scan.ply"
+
+
+@pytest.mark.parametrize("command", [(), ("complete",), ("render",), ("compare",), ("info",)])
+def test_help_has_an_example_seed_and_device(monkeypatch, capsys, command):
+    status, out, _ = run(monkeypatch, capsys, *command, "--help")
+    assert status == 0
+    if command:
+        for text in ("Example: intaglio", "--seed", "--device"):
+            assert text in out
+
+
+def test_complete_writes_mesh_and_report(monkeypatch, capsys, scan_file, tmp_path):
+    output, page = tmp_path / "whole.ply", tmp_path / "whole.html"
+    status, out, err = run(
+        monkeypatch, capsys, "complete", scan_file, "-o", output, "--base", "plane", "--window", 3, "--report", page, "--seed", 4
+    )
+    assert status == 0, err
+    whole, scan = intaglio.read_surface(output), intaglio.read_surface(scan_file)
+    assert whole.vertices[: len(scan.vertices)].tobytes() == scan.vertices.tobytes()
+    assert (~whole.measured).sum() > 50
+    assert f"wrote {output}" in out
+    assert f"wrote {page}" in out
+    assert "mean surface integral" in out
+    assert "spacing" in err
+    same = intaglio.complete_relief(scan, "plane", window=3, refine=3, seed=4)
+    assert same.vertices.tobytes() == whole.vertices.tobytes()
+
+
+def test_render_compare_info(monkeypatch, capsys, scan_file, tmp_path):
+    picture, other, difference = (tmp_path / n for n in ("a.png", "b.png", "d.png"))
+    for output, slant in ((picture, 30), (other, 60)):
+        status, out, err = run(monkeypatch, capsys, "render", scan_file, "-o", output, "--size", "40x30", "--slant", slant)
+        assert status == 0, err
+        assert "40 x 30" in out
+    assert intaglio.read_image(picture).shape == (30, 40, 3)
+    status, out, err = run(monkeypatch, capsys, "compare", picture, other, "-o", difference)
+    assert status == 0, err
+    assert "FLIP" in out
+    assert difference.exists()
+    status, out, err = run(monkeypatch, capsys, "info", scan_file, picture)
+    assert status == 0, err
+    assert "2 border loops" in out
+    assert "40 x 30 pixels, 3 channels" in out
+    status, out, _ = run(monkeypatch, capsys, "info")
+    assert "renderer:" in out
+    assert "default" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("complete", "none.ply", "-o", "out.ply"), "no such file"),
+        (("complete", "SCAN", "-o", "SCAN"), "never overwritten"),
+        (("complete", "SCAN", "-o", "nowhere/out.ply"), "does not exist"),
+        (("complete", "SCAN", "-o", "out.xyz"), "unknown mesh type"),
+        (("complete", "SCAN", "-o", "out.ply", "--report", "r.pdf"), "unknown report type"),
+        (("complete", "SCAN", "-o", "out.ply", "--window", "0"), "window must be"),
+        (("complete", "SCAN", "-o", "out.ply", "--extent", "lots"), "list of numbers"),
+        (("complete", "SCAN"), "Missing option"),
+        (("complete", "SCAN", "-o", "out.ply", "--device", "cuda:9"), "not available"),
+        (("render", "SCAN", "-o", "a.png", "--size", "big"), "WIDTHxHEIGHT"),
+        (("render", "SCAN", "-o", "a.png", "--direction", "0,0,0"), "not be all zero"),
+        (("render", "SCAN", "-o", "a.bmp"), "unknown image type"),
+        (("compare", "SCAN", "SCAN"), "unknown image type"),
+        (("info", "Makefile.txt"), "no such file"),
+        (("polish", "SCAN"), "No such command"),
+    ],
+)
+def test_errors_are_one_message_and_status_two(monkeypatch, capsys, scan_file, tmp_path, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(p.name for p in tmp_path.iterdir())
+    status, _, err = run(monkeypatch, capsys, *[str(scan_file) if a == "SCAN" else a for a in arguments])
+    assert status == 2
+    assert message in err
+    assert "Traceback" not in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+def test_an_output_that_cannot_be_written_is_found_before_the_work(monkeypatch, capsys, scan_file, tmp_path):
+    monkeypatch.setattr("intaglio.read_surface", lambda *a, **k: pytest.fail("read before the output was checked"))
+    status, _, err = run(monkeypatch, capsys, "complete", scan_file, "-o", tmp_path / "none" / "x.ply")
+    assert status == 2
+    assert "does not exist" in err
+
+
+def test_interrupted_work_leaves_no_file(cap, tmp_path):
+    cap.write(tmp_path / "cap.ply")
+    command = [sys.executable, "-m", "intaglio.cli", "complete", "cap.ply", "-o", "out.ply", "--base", "sphere"]
+    # Enough work that the signal finds it busy.
+    command += ["--rotations", "36", "--spacing", "0.15", "--window", "9"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env={**os.environ})
+    time.sleep(6)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "interrupted" in err
+    assert [p.name for p in tmp_path.iterdir()] == ["cap.ply"]
