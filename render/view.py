@@ -48,9 +48,9 @@ class Light:
     """
 
     tilt: float = 135.0
-    slant: float = 52.0
-    strength: float = 3.6
-    fill: float = 0.6
+    slant: float = 60.0
+    strength: float = 4.2
+    fill: float = 0.4
 
 
 def frame(

@@ -131,7 +131,7 @@ def complete(
 @click.option("--up", type=_Numbers(3), default="0,1,0", show_default=True)
 @click.option("--size", default="800x800", show_default=True, help="WIDTHxHEIGHT in pixels.")
 @click.option("--tilt", type=float, default=135.0, show_default=True, help="Light's direction in the picture, degrees.")
-@click.option("--slant", type=float, default=52.0, show_default=True, help="Light's angle from the line of sight, degrees.")
+@click.option("--slant", type=float, default=60.0, show_default=True, help="Light's angle from the line of sight, degrees.")
 @click.option("--samples", type=click.IntRange(1, 65536), default=32, show_default=True, help="Paths per pixel.")
 @click.option("--color/--clay", default=True, help="Use the mesh's colours, if it has any, or clay.")
 @click.option("--provenance", is_flag=True, help="Show the measured part in clay, the filled part in blue.")

@@ -1,6 +1,7 @@
 """What relief completion costs, beside what this machine can do. Run with ``make bench``; nothing here is asserted.
 
-``python -m tests.benchmarks.relief --sizes 1000,4000`` shortens the growth table, ``--skip-surface`` leaves the papers' metric out.
+``python -m tests.benchmarks.relief --sizes 1000,4000`` shortens the growth table, ``--skip-surface`` leaves the papers'
+metric out, ``--skip-golf`` the golf ball.
 """
 
 from __future__ import annotations
@@ -163,9 +164,8 @@ def matching(device: str) -> None:
         matcher.match(value[:8], weight[:8])
         seconds = best(lambda m=matcher: m.match(value, weight))
         rate = operations * targets * 2 * samples * grid / seconds / 1e9
-        print(
-            f"  {engine}: {seconds:.3f} s, {rate:.1f} GFLOP/s ({operations} operations per point: {'expansion' if engine == 'blas' else 'direct'})"
-        )
+        form = "expansion" if engine == "blas" else "direct form"
+        print(f"  {engine}: {seconds:.3f} s, {rate:.1f} GFLOP/s ({form}, {operations} operations per point)")
     print()
 
 
@@ -190,9 +190,8 @@ def one_size(size: int, device: str) -> None:
     seconds = time.perf_counter() - start
     measured, filled = int(whole.measured.sum()), int((~whole.measured).sum())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(
-        f"  {measured + filled:8d} {measured:8d} {filled:8d} {seconds:8.2f} {peak:9.2f} {1e9 * seconds / (measured * filled):9.1f}"
-    )
+    share = 1e9 * seconds / (measured * filled)
+    print(f"  {measured + filled:8d} {measured:8d} {filled:8d} {seconds:8.2f} {peak:9.2f} {share:9.1f}")
 
 
 def golf(device: str) -> None:

@@ -154,16 +154,17 @@ def _geodesic_lattice(frequency: int) -> Array:
 
 def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent: Extent) -> Region:
     chart = base.chart(feet)
-    # A few vertices that stick out of a ragged rim don't stretch the whole turn.
-    low, high = (float(v) for v in np.quantile(chart[:, 1], [0.01, 0.99]))
+    lattice = scan_lattice(chart, faces)
+    columns = None if lattice is None else _upright(lattice)
+    # A few vertices that stick out of a ragged rim don't stretch the whole turn; a lattice has straight rims.
+    ends = [0.01, 0.99] if columns is None else [0.0, 1.0]
+    low, high = (float(v) for v in np.quantile(chart[:, 1], ends))
     if extent == "rectangle":
         raise InputError("extent 'rectangle' goes with a plane; a cylinder has 'whole' (the full turn) or 'holes'")
     if extent is not None and not isinstance(extent, str):
         low, high = _numbers(extent, 2, "a cylinder's extent is (low, high) along its axis")
     turn = 2 * np.pi * base.radius
     _checked(turn * (high - low), spacing)
-    lattice = scan_lattice(chart, faces)
-    columns = None if lattice is None else _upright(lattice)
     if lattice is not None and columns is not None:
         grid = _close_the_turn(chart, lattice, columns, turn, low, high)
     else:
