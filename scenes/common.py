@@ -64,8 +64,7 @@ def options(description: str) -> argparse.Namespace:
 
 def quiet_warp() -> None:
     """Keep Warp's start-up lines out of the terminal."""
-    wp.config.log_level = wp.LOG_WARNING
-    os.environ.setdefault("WARP_LOG_LEVEL", "warning")
+    wp.config.log_level = wp.LOG_ERROR
 
 
 def progress_bar(label: str) -> tuple[Callable[[int, int], None], Callable[[], None]]:
