@@ -1,0 +1,73 @@
+"""Scenes run, and reach what they are there to show."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+
+import numpy as np
+import pytest
+
+import intaglio
+
+BOUNDS = {"golf_ball": 5.0, "golf_ball_hole": 8.0, "cylinder_bumps": 2.0, "cylinder_wave": 2.0, "plane_wave": 2.0}
+REAL = {
+    "golf_ball_mesh": "meshes/golfball_derived/golfball_164k.ply",
+    "bunny_scan": "meshes/bunny_range_scans/bun_zipper.ply",
+    "face_holes": "meshes/face000_rangemap/face000.ply",
+    "sea_vase": "meshes/nikolov_seaVase/seaVase_decimated.ply",
+    "bird_bath": "meshes/nikolov_birdBath/birdBath_decimated.ply",
+}
+
+
+def run_scene(name, folder):
+    scene = importlib.import_module(f"intaglio.scenes.{name}")
+    return scene.run(argparse.Namespace(output=folder, seed=1, device="cpu"))
+
+
+def check_files(result, folder):
+    back = intaglio.read_surface(folder / result.page.with_suffix(".ply").name)
+    assert back.vertices.tobytes() == result.whole.vertices.tobytes()
+    assert intaglio.read_image(result.picture).std() > 0.05
+    assert "data:image/png" in result.page.read_text()
+
+
+@pytest.mark.parametrize("name", ["cylinder_wave", "golf_ball_hole"])
+def test_fast_scenes(name, tmp_path):
+    result = run_scene(name, tmp_path)
+    assert abs(result.report.msi_percent) <= BOUNDS[name]
+    assert result.report.truth.rms < result.report.std_measured
+    check_files(result, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["golf_ball", "cylinder_bumps", "plane_wave"])
+def test_made_scenes(name, tmp_path):
+    result = run_scene(name, tmp_path)
+    assert abs(result.report.msi_percent) <= BOUNDS[name]
+    assert result.report.displacement_emd < 0.05
+    check_files(result, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(REAL))
+def test_real_scenes(name, tmp_path, real):
+    real(REAL[name])
+    results = run_scene(name, tmp_path)
+    for result in results if isinstance(results, list) else [results]:
+        n = int(result.whole.measured.sum())
+        # Pieces off the base may be left out; what stays keeps its bits and order.
+        kept = {v.tobytes() for v in result.scan.vertices}
+        assert all(v.tobytes() in kept for v in result.whole.vertices[:n])
+        assert n > 0.9 * len(result.scan.vertices)
+        assert result.report.displacement_emd < 0.2
+        assert np.isfinite(result.whole.vertices).all()
+        check_files(result, tmp_path)
+
+
+def test_a_scene_without_its_data_says_so(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("INTAGLIO_DATA", str(tmp_path))
+    with pytest.raises(SystemExit) as stop:
+        run_scene("sea_vase", tmp_path)
+    assert stop.value.code == 0
+    assert "set INTAGLIO_DATA" in capsys.readouterr().out
