@@ -291,13 +291,15 @@ def height_above_kernel(
 ):
     """Signed distance along the normal from a base point to the nearest crossing of a mesh; NaN where there is none."""
     i = start + wp.tid()
-    up = wp.mesh_query_ray(mesh, foot[i], normal[i], reach)
-    down = wp.mesh_query_ray(mesh, foot[i], -normal[i], reach)
+    # Both rays start a little behind the foot: a surface that runs through it would slip between them.
+    back = 0.01 * reach
+    up = wp.mesh_query_ray(mesh, foot[i] - back * normal[i], normal[i], reach + back)
+    down = wp.mesh_query_ray(mesh, foot[i] + back * normal[i], -normal[i], reach + back)
     h = float(wp.nan)
     if up.result:
-        h = up.t
-    if down.result and (not up.result or down.t < up.t):
-        h = -down.t
+        h = up.t - back
+    if down.result and (not up.result or wp.abs(down.t - back) < wp.abs(h)):
+        h = back - down.t
     height[i] = h
 
 

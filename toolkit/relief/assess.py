@@ -152,7 +152,7 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     """
     used = np.zeros(len(surface.vertices), bool)
     used[surface.faces] = True
-    measured, filled = used & surface.measured, used & ~surface.measured & (surface.source >= 0)
+    measured, filled = used & surface.measured, used & ~surface.measured
     if not measured.any() or not filled.any():
         raise InputError(
             f"nothing to assess: {measured.sum()} measured and {filled.sum()} filled vertices; "

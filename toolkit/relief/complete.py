@@ -12,12 +12,13 @@ from intaglio.randomness import checked_seed
 from intaglio.relief.base import Base
 from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.frames import FRAMES
-from intaglio.relief.prepare import Ground, prepare_ground
+from intaglio.relief.prepare import Ground, number, prepare_ground
 from intaglio.relief.propagate import Growth, Metric, Selection, grow_relief
 from intaglio.relief.refine import refine_relief
 from intaglio.relief.samples import sample_set
 from intaglio.relief.surface_metric import SurfaceMetric
 from intaglio.surface import Surface
+from intaglio.topology import border_edges
 
 Array = np.ndarray
 
@@ -63,7 +64,8 @@ def complete_relief(
     Parameters
     ----------
     surface : Surface
-        The scan. Its vertices come out bit for bit as they are, first and in the same order.
+        The scan. Its vertices come out bit for bit as they are, first and in the same order, except those of pieces that
+        don't lie on the base or that no face uses: these are left out, and the notes say how many.
     base : Base or {"auto", "plane", "cylinder", "sphere"}
         The base, or the kind to fit.
     window : int, optional
@@ -73,7 +75,8 @@ def complete_relief(
         e: a match is accepted below this weighted mean squared distance, in squared input units; default half the
         variance of the measured displacement. Rises by 10 % whenever no target can be filled.
     rotations : int
-        R: every sample is tried at R rotations about its normal. 1 for relief with a direction; more for isotropic.
+        R: every sample is tried at R rotations about its normal. 0 or 1 for none, as suits relief with a direction; more
+        for isotropic relief.
     metric : {"displacement", "surface"}
         "displacement" compares heights over a tangent grid; "surface" is the papers' point-to-triangle measure, slower.
     order : {"wave", "sequential"}
@@ -95,7 +98,7 @@ def complete_relief(
     device : str, optional
         "cpu", "cuda:0"; default CUDA if there is one.
     progress : callable, optional
-        Called with (vertices filled, vertices to fill).
+        Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
     frames : {"algebraic", "sweep", "reference"}, optional
         Local frames; default by the base. ``reference`` is the vector for "reference".
     oversample : bool, optional
@@ -105,7 +108,7 @@ def complete_relief(
     selection : {"near-best", "best-percent"}
         At random among matches within ``factor`` of the best (paper 000), or among the best ``eta`` percent (paper 001).
     engine : {"auto", "blas", "warp"}
-        How the displacement metric's costs are computed; the choices are the same.
+        How the displacement metric's costs are computed; with "near-best" the choices are the same.
 
     Returns
     -------
@@ -133,6 +136,12 @@ def complete_relief(
     """
     if not isinstance(surface, Surface):
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    made_up = int((~surface.measured).sum())
+    if made_up:
+        raise InputError(
+            f"the surface holds {made_up} vertices that were filled, not measured: they can't serve as measurements; "
+            "complete the scan itself, or surface.part(surface.measured)"
+        )
     window = DEFAULT_WINDOW if window is None else _whole(window, "window", 1, 64)
     rotations = _whole(rotations, "rotations", 0, 720) or 1
     refine = _whole(refine, "refine", 0, 100)
@@ -152,7 +161,8 @@ def complete_relief(
         raise InputError("refine works with metric='displacement'; set refine=0 or change the metric")
     if refine and bootstrap:
         raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
-    if not (np.isfinite(factor) and factor >= 1):
+    factor, eta = number(factor, "factor"), number(eta, "eta")
+    if factor < 1:
         raise InputError(f"factor must be at least 1, not {factor!r}")
     if not 0 < eta <= 100:
         raise InputError(f"eta is a percentage in (0, 100], not {eta!r}")
@@ -166,25 +176,32 @@ def complete_relief(
     relief = ground.height[ground.measured]
     if error is None:
         error = max(0.5 * float(relief.var()), 1e-12 * ground.spacing**2)
-    elif not error > 0:
+    elif number(error, "error") <= 0:
         raise InputError(f"error must be a positive number, in squared input units, not {error!r}")
     if oversample is None:
-        in_phase = any("continue the scan's lattice" in note for note in ground.notes)
-        oversample = not in_phase and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
+        oversample = not ground.regular and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
     samples = sample_set(ground, oversample)
+    _check_samples(ground)
     matcher: Metric
     if metric == "displacement":
         matcher = DisplacementMetric(ground, samples, window, rotations, chosen_device, engine)
     else:
         matcher = SurfaceMetric(ground, samples, window, rotations, chosen_device)
     rule = Selection(selection, float(factor), float(eta), float(error))
+    # A refinement pass counts as much as growth: every vertex is matched once in each.
+    shares = 1 + refine
+
+    def report(done: int, total: int) -> None:
+        if progress is not None:
+            progress(done, total * shares)
+
     growth = grow_relief(
-        ground, matcher, window=window, selection=rule, order=order, bootstrap=bootstrap, seed=seed, progress=progress
+        ground, matcher, window=window, selection=rule, order=order, bootstrap=bootstrap, seed=seed, progress=report
     )
     passes = 0
     if refine:
         assert isinstance(matcher, DisplacementMetric)
-        passes = refine_relief(ground, matcher, growth.state, window=window, passes=refine, seed=seed)
+        passes = refine_relief(ground, matcher, growth.state, window=window, passes=refine, seed=seed, progress=progress)
     settings: tuple[str, ...] = (
         f"window {window} (reach {window * ground.spacing:.6g}), rotations {rotations}, metric {metric}, order {order}, "
         f"{len(samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
@@ -194,6 +211,18 @@ def complete_relief(
     if growth.orphans:
         settings += (f"{growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
     return _completed(ground, growth, settings)
+
+
+def _check_samples(ground: Ground) -> None:
+    """Raise `InputError` where no measured vertex has measured surface all around it."""
+    inner = ground.measured.copy()
+    inner[ground.faces[~ground.measured[ground.faces].all(axis=1)]] = False
+    inner[np.unique(border_edges(ground.faces))] = False
+    if not inner.any():
+        raise InputError(
+            f"fewer samples than the smallest window needs: none of {int(ground.measured.sum())} measured vertices has "
+            "measured surface all around it"
+        )
 
 
 def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Surface:

@@ -10,7 +10,7 @@ from intaglio.kernels.location import GridLocator, polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
 from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Picks, Selection, State
-from intaglio.relief.samples import Samples
+from intaglio.relief.samples import Samples, filled_sample_set
 
 Array = np.ndarray
 
@@ -87,17 +87,7 @@ class DisplacementMetric:
 
     def absorb(self, state: State) -> None:
         """See `Metric.absorb`."""
-        ground = self._ground
-        vertex = np.flatnonzero(state.textured & (np.diff(ground.topology.face_offsets) > 0))
-        samples = Samples(
-            state.source[vertex],
-            ground.foot[vertex],
-            ground.u[vertex],
-            ground.v[vertex],
-            state.height[vertex],
-            None if state.color is None else state.color[vertex],
-            ground.topology.incident[ground.topology.face_offsets[vertex]],
-        )
+        samples = filled_sample_set(self._ground, state.textured, state.height, state.source, state.rotation, state.color)
         self._take_samples(samples, self._textured(state.textured), self._heights(state.height))
 
     def neighbourhoods(self, targets: Array, window: Array, state: State) -> tuple[Array, Array, Array]:

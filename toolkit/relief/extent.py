@@ -62,7 +62,9 @@ def sampling_distance(feet: Array, faces: Array) -> tuple[float, str]:
     return spacing, f"spacing {spacing:.6g}: {rule} of the scan's edge lengths (minimum {least:.6g}, median {middle:.6g})"
 
 
-def region_to_complete(base: Base, feet: Array, faces: Array, spacing: float, extent: Extent) -> Region:
+def region_to_complete(
+    base: Base, feet: Array, faces: Array, spacing: float, extent: Extent, continue_lattice: bool = True
+) -> Region:
     """Lay out target points over what is to be completed.
 
     Parameters
@@ -79,6 +81,8 @@ def region_to_complete(base: Base, feet: Array, faces: Array, spacing: float, ex
         encloses. ``(low, high)`` for a cylinder: that length along the axis; ``(u0, u1, v0, v1)`` for a plane: that
         rectangle, in the plane's chart; ``(degrees,)`` for a sphere: a cap of that half angle about the scan's middle.
         None: ``"whole"``.
+    continue_lattice : bool
+        Where the scan's samples form a lattice, let targets continue it, whatever ``spacing``.
 
     Raises
     ------
@@ -90,9 +94,9 @@ def region_to_complete(base: Base, feet: Array, faces: Array, spacing: float, ex
     if isinstance(base, Sphere):
         return _sphere(base, feet, spacing, extent)
     if isinstance(base, Cylinder):
-        return _cylinder(base, feet, faces, spacing, extent)
+        return _cylinder(base, feet, faces, spacing, extent, continue_lattice)
     if isinstance(base, Plane):
-        return _plane(base, feet, faces, spacing, extent)
+        return _plane(base, feet, faces, spacing, extent, continue_lattice)
     raise InputError(f"extents of a {base.kind} are not known")
 
 
@@ -152,9 +156,9 @@ def _geodesic_lattice(frequency: int) -> Array:
     return points[np.sort(first)]
 
 
-def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent: Extent) -> Region:
+def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent: Extent, continue_lattice: bool) -> Region:
     chart = base.chart(feet)
-    lattice = scan_lattice(chart, faces)
+    lattice = scan_lattice(chart, faces) if continue_lattice else None
     columns = None if lattice is None else _upright(lattice)
     # A few vertices that stick out of a ragged rim don't stretch the whole turn; a lattice has straight rims.
     ends = [0.01, 0.99] if columns is None else [0.0, 1.0]
@@ -182,14 +186,14 @@ def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent:
     return Region(base.from_chart(grid), inside, only, columns is not None, note)
 
 
-def _plane(base: Plane, feet: Array, faces: Array, spacing: float, extent: Extent) -> Region:
+def _plane(base: Plane, feet: Array, faces: Array, spacing: float, extent: Extent, continue_lattice: bool) -> Region:
     chart = base.chart(feet)
     low, high = chart.min(axis=0), chart.max(axis=0)
     if extent is not None and not isinstance(extent, str):
         u0, u1, v0, v1 = _numbers(extent, 4, "a plane's extent is (u0, u1, v0, v1) in its chart")
         low, high = np.array([u0, v0]), np.array([u1, v1])
     _checked(float(np.prod(high - low)), spacing)
-    lattice = scan_lattice(chart, faces)
+    lattice = scan_lattice(chart, faces) if continue_lattice else None
     if lattice is not None:
         grid = _lattice_points(lattice, low, high)
     else:
@@ -319,7 +323,10 @@ def _checked(area: float, spacing: float) -> int:
 
 
 def _numbers(extent: str | Sequence[float], count: int, meaning: str) -> list[float]:
-    values = [float(v) for v in np.atleast_1d(np.asarray(extent, np.float64))]
+    try:
+        values = [float(v) for v in np.atleast_1d(np.asarray(extent, np.float64))]
+    except (TypeError, ValueError):
+        values = []
     if len(values) != count or not np.isfinite(values).all():
         raise InputError(f"{meaning}: {count} finite numbers, not {extent!r}")
     if any(a >= b for a, b in zip(values[::2], values[1::2], strict=False)):

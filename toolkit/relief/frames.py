@@ -61,7 +61,9 @@ def _reference(normal: Array, base: Base, reference: Array | None) -> Array:
             reference = base.direction
         else:
             raise InputError("frames='reference' on a sphere needs a reference vector; give one, or use 'sweep'")
-    vector = np.asarray(reference, np.float64)
+    vector = np.asarray(reference, np.float64).reshape(-1)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise InputError(f"reference must be three finite numbers, not all zero; it is {reference!r}")
     along = vector - (normal @ vector)[:, None] * normal
     # Where the vector is the normal itself, its projection has no direction: the algebraic frame stands in.
     weak = np.linalg.norm(along, axis=1) < 1e-6 * np.linalg.norm(vector)

@@ -43,6 +43,8 @@ class Ground:
         Local frames.
     spacing : float
         Distance between targets, in the input's unit.
+    regular : bool
+        Targets continue the scan's own lattice.
     topology : Topology
         Neighbour tables of the triangulation.
     notes : tuple of str
@@ -59,6 +61,7 @@ class Ground:
     u: Array
     v: Array
     spacing: float
+    regular: bool
     topology: Topology
     notes: tuple[str, ...]
 
@@ -108,13 +111,16 @@ def prepare_ground(
     color = None if surface.color is None else surface.color[keep]
     chosen = face_the_scan(chosen, vertices, faces)
     foot, normal = chosen.foot(vertices)
+    own_spacing = spacing is None
     if spacing is None:
         spacing, note = sampling_distance(foot, faces)
     else:
-        spacing = _positive(spacing, "spacing")
+        spacing = number(spacing, "spacing")
+        if spacing <= 0:
+            raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
         note = f"spacing {spacing:.6g}: as given"
     notes.append(note)
-    region = region_to_complete(chosen, foot, faces, spacing, extent)
+    region = region_to_complete(chosen, foot, faces, spacing, extent, own_spacing)
     notes.append(region.note)
     filling = fill_base(
         chosen,
@@ -150,6 +156,7 @@ def prepare_ground(
         u,
         v,
         float(spacing),
+        region.regular,
         Topology.of(all_faces, count),
         tuple(notes),
     )
@@ -164,7 +171,7 @@ def check_scan(vertices: Array, faces: Array) -> None:
     if repeated.any():
         raise InputError(
             f"{repeated.sum()} faces name one vertex twice, the first is face {np.flatnonzero(repeated)[0]}; "
-            "read the file with repair=True (--repair) to drop them"
+            "repair it (read_surface(path, repair=True), --repair) to drop them"
         )
     keys = edge_keys(directed_edges(faces), len(vertices))
     unique, counts = np.unique(keys, return_counts=True)
@@ -173,7 +180,7 @@ def check_scan(vertices: Array, faces: Array) -> None:
         raise InputError(
             f"{(counts > 1).sum()} edges are run through twice in the same direction, the first from vertex {a} to {b}: "
             "neighbouring faces wind in opposite directions, or more than two share an edge; "
-            "read the file with repair=True (--repair) to turn and thin them"
+            "repair it (read_surface(path, repair=True), --repair) to turn and thin them"
         )
     used = np.flatnonzero(used_vertices(faces, len(vertices)))
     order = np.lexsort(vertices[used].T)
@@ -182,7 +189,7 @@ def check_scan(vertices: Array, faces: Array) -> None:
         first = int(np.flatnonzero(same)[0])
         raise InputError(
             f"{same.sum()} vertices lie exactly on another one, the first are {used[order[first]]} and "
-            f"{used[order[first + 1]]}: faces that should join do not; read the file with repair=True (--repair) to merge them"
+            f"{used[order[first + 1]]}: faces that should join do not; repair it (read_surface(path, repair=True), --repair) to merge them"
         )
     if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
         raise InputError("all faces have area zero: the surface is a line or a point")
@@ -218,7 +225,8 @@ def _pieces_on_base(base: Base, vertices: Array, faces: Array) -> tuple[Array, A
     distance = np.abs(base.distance(vertices))
     largest = int(np.argmax(sizes))
     main = used & (label == largest)
-    tolerance = _ON_BASE * max(1.4826 * float(np.median(distance[main])), 1e-12)
+    size = float(np.linalg.norm(np.ptp(vertices[main], axis=0)))
+    tolerance = _ON_BASE * max(1.4826 * float(np.median(distance[main])), 1e-9 * size)
     # A piece of a few triangles has no relief to give and would only pepper the base with islands.
     enough = [int(p) for p in np.flatnonzero(sizes >= 50) if np.median(distance[used & (label == p)]) <= tolerance]
     taken = np.isin(label, np.array([largest, *enough])) & used
@@ -234,8 +242,12 @@ def _pieces_on_base(base: Base, vertices: Array, faces: Array) -> tuple[Array, A
     return taken, renumber[faces[taken[faces].all(axis=1)]].astype(np.int32), note
 
 
-def _positive(value: float, name: str) -> float:
-    number = float(value)
-    if not (np.isfinite(number) and number > 0):
-        raise InputError(f"{name} must be a positive length in the input's unit, not {value!r}")
-    return number
+def number(value: float, name: str) -> float:
+    """Return ``value`` as a finite float, or raise `InputError` for what is none."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        result = float("nan")
+    if not np.isfinite(result):
+        raise InputError(f"{name} must be a finite number, not {value!r}")
+    return result

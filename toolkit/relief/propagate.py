@@ -17,8 +17,6 @@ from intaglio.topology import adjacency
 Array = np.ndarray
 Progress = Callable[[int, int], None]
 
-# So many lists in a row without a match, the bound raised a million times over, mean that none is viable at all.
-_MOST_STALLS = 150
 _STREAM_PICK, _STREAM_SHUFFLE = 1, 2
 
 
@@ -122,8 +120,8 @@ def grow_relief(
     it: the papers' way. In "wave" order the whole list is matched against the surface as it was when the list was made,
     then filled at once: neighbours in one list don't see each other, a list is one search, and the result does not
     depend on the order within it. A vertex that finds no acceptable match waits and shrinks its window by one ring (down
-    to 1); a list that fills nothing raises the error bound by 10 %. Where no sample can be compared at any bound, a vertex takes
-    its textured neighbour's relief.
+    to 1); a list that fills nothing raises the error bound by 10 %. Where no sample can be compared at all, even at the
+    smallest window, a vertex takes its textured neighbour's relief.
 
     Parameters
     ----------
@@ -160,7 +158,7 @@ def grow_relief(
     windows = np.full(count, window)
     attempts = np.zeros(count, np.int64)
     threshold = selection.error
-    total, waves, stalled, orphans = int(targets.sum()), 0, 0, 0
+    total, waves, orphans = int(targets.sum()), 0, 0
     if progress:
         progress(0, total)
     while True:
@@ -172,11 +170,12 @@ def grow_relief(
         boundary = boundary[shuffled]
         now = Selection(selection.rule, selection.factor, selection.eta, threshold)
         lists = [boundary] if order == "wave" else boundary[:, None]
-        filled = 0
+        filled, viable = 0, False
         for part in lists:
             draw = uniform(seed, _STREAM_PICK, part, attempts[part])
             picks = metric.pick(part, windows[part], state, now, draw)
             accepted = (picks.sample >= 0) & (picks.error < threshold)
+            viable |= bool((picks.sample >= 0).any())
             _fill(state, part[accepted], metric.samples, picks, accepted)
             failed = part[~accepted]
             windows[failed] = np.maximum(windows[failed] - 1, 1)
@@ -187,15 +186,11 @@ def grow_relief(
         waves += 1
         if progress:
             progress(int((state.textured & targets).sum()), total)
-        if filled == 0:
+        if filled == 0 and viable:
             threshold *= 1.1
-            stalled += 1
-            if stalled > _MOST_STALLS:
-                _take_from_neighbours(state, boundary, graph)
-                orphans += len(boundary)
-                stalled = 0
-        else:
-            stalled = 0
+        elif filled == 0 and (windows[boundary] == 1).all():
+            _take_from_neighbours(state, boundary, graph)
+            orphans += len(boundary)
     return Growth(state, waves, threshold, int((windows[targets] < window).sum()), orphans)
 
 
@@ -203,7 +198,7 @@ def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepte
     chosen = picks.sample[accepted]
     state.height[vertices] = samples.height[chosen]
     state.source[vertices] = samples.vertex[chosen]
-    state.rotation[vertices] = picks.rotation[accepted]
+    state.rotation[vertices] = np.mod(picks.rotation[accepted] + samples.turn[chosen], np.float32(2 * np.pi))
     state.error[vertices] = picks.error[accepted]
     if state.color is not None and samples.color is not None:
         state.color[vertices] = samples.color[chosen]

@@ -12,7 +12,7 @@ import numpy as np
 from intaglio.randomness import uniform
 from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.prepare import Ground
-from intaglio.relief.propagate import Selection, State
+from intaglio.relief.propagate import Progress, Selection, State
 
 Array = np.ndarray
 
@@ -22,7 +22,16 @@ _SMALLEST_WINDOW = 3
 _ROBUST_POWER = -0.6
 
 
-def refine_relief(ground: Ground, metric: DisplacementMetric, state: State, *, window: int, passes: int, seed: int) -> int:
+def refine_relief(
+    ground: Ground,
+    metric: DisplacementMetric,
+    state: State,
+    *,
+    window: int,
+    passes: int,
+    seed: int,
+    progress: Progress | None = None,
+) -> int:
     """Refine the filled part of ``state`` in place; return the number of passes made.
 
     Windows go from ``window`` down to half of it. Between passes the voted relief is brought back to the distribution of
@@ -40,12 +49,15 @@ def refine_relief(ground: Ground, metric: DisplacementMetric, state: State, *, w
     passes : int
         At least 1; the last is the copying one.
     seed : int
+    progress : callable, optional
+        Called with (vertices matched, vertices to match), growth counted in.
     """
     targets = np.flatnonzero(state.textured & ~ground.measured)
     if len(targets) == 0:
         return 0
     copy_best = Selection("near-best", 1.0, 100.0, np.inf)
     measured = np.sort(state.height[ground.measured])
+    spread = float(measured.var()) or 1.0
     last_window = max(min(_SMALLEST_WINDOW, window), window // 2)
     for step in range(passes):
         size = round(window + (last_window - window) * step / max(passes - 1, 1))
@@ -54,7 +66,7 @@ def refine_relief(ground: Ground, metric: DisplacementMetric, state: State, *, w
         picks = metric.pick(targets, windows, state, copy_best, draw)
         found = picks.sample >= 0
         if step < passes - 1:
-            voted = metric.vote(targets[found], picks, found, size, (picks.error[found] + 1e-12) ** _ROBUST_POWER)
+            voted = metric.vote(targets[found], picks, found, size, (picks.error[found] / spread + 1e-6) ** _ROBUST_POWER)
             hit = np.isfinite(voted)
             state.height[targets[hit]] = voted[hit]
             state.height[targets] = _redistribute(state.height[targets], measured)
@@ -66,6 +78,8 @@ def refine_relief(ground: Ground, metric: DisplacementMetric, state: State, *, w
             state.error[at] = picks.error[found]
             if state.color is not None and metric.samples.color is not None:
                 state.color[at] = metric.samples.color[chosen]
+        if progress is not None:
+            progress(len(targets) * (2 + step), len(targets) * (1 + passes))
     return passes
 
 

@@ -39,6 +39,7 @@ def write_relief_report(
     scan: Surface | None = None,
     extra: Sequence[str] = (),
     size: int = 480,
+    device: str | None = None,
 ) -> ReliefReport:
     """Render a completion, measure it, and write one HTML file.
 
@@ -59,12 +60,14 @@ def write_relief_report(
         Further lines for the figures.
     size : int
         Width and height of each picture, in pixels.
+    device : str, optional
+        For the assessment: "cpu", "cuda:0"; default CUDA if there is one.
 
     Returns
     -------
     ReliefReport
     """
-    report = assess_relief(surface, truth) if report is None else report
+    report = assess_relief(surface, truth, device=device) if report is None else report
     views = viewpoints(surface)
     cameras = fixed_cameras(surface, views)
     shape = (size, size)

@@ -29,6 +29,8 @@ class Samples:
     color : (S, 3) float32 array or None
     first_face : (S,) int32 array
         A triangle at the sample.
+    turn : (S,) float32 array
+        By how much the sample itself was turned against its source; 0 but for filled vertices that serve as samples.
     """
 
     vertex: Array
@@ -38,6 +40,7 @@ class Samples:
     height: Array
     color: Array | None
     first_face: Array
+    turn: Array
 
 
 def sample_set(ground: Ground, oversample: bool) -> Samples:
@@ -59,10 +62,10 @@ def sample_set(ground: Ground, oversample: bool) -> Samples:
         edges = unique_edges(ground.faces[measured_face])
         middle, normal = ground.base.foot(ground.foot[edges].mean(axis=1))
         along = ground.u[edges].sum(axis=1)
-        along = unit(along - np.einsum("ij,ij->i", along, normal)[:, None] * normal)
         # Opposite frames cancel: the first end's frame then stands for the edge.
-        lost = ~along.any(axis=1)
+        lost = np.linalg.norm(along, axis=1) < 1e-3
         along[lost] = ground.u[edges[lost, 0]]
+        along = unit(along - np.einsum("ij,ij->i", along, normal)[:, None] * normal)
         to_ends = np.linalg.norm(ground.vertices[edges] - (middle + height[edges].mean(1)[:, None] * normal)[:, None], axis=2)
         nearer = edges[np.arange(len(edges)), np.argmin(to_ends, axis=1)]
         if color is not None:
@@ -72,7 +75,26 @@ def sample_set(ground: Ground, oversample: bool) -> Samples:
         sample_height = np.concatenate([sample_height, height[edges].mean(axis=1)])
         first = np.concatenate([first, topology.incident[topology.face_offsets[edges[:, 0]]]])
     normal = ground.base.foot(foot)[1]
-    return Samples(vertex.astype(np.int32), foot, u, np.cross(normal, u), sample_height, color, first.astype(np.int32))
+    still = np.zeros(len(vertex), np.float32)
+    return Samples(vertex.astype(np.int32), foot, u, np.cross(normal, u), sample_height, color, first.astype(np.int32), still)
+
+
+def filled_sample_set(
+    ground: Ground, textured: Array, height: Array, source: Array, rotation: Array, color: Array | None
+) -> Samples:
+    """Return all textured vertices, measured and filled, as samples (bootstrapped completion)."""
+    topology = ground.topology
+    vertex = np.flatnonzero(textured & (np.diff(topology.face_offsets) > 0))
+    return Samples(
+        source[vertex],
+        ground.foot[vertex],
+        ground.u[vertex],
+        ground.v[vertex],
+        height[vertex],
+        None if color is None else color[vertex],
+        topology.incident[topology.face_offsets[vertex]],
+        rotation[vertex],
+    )
 
 
 def _blend(points: Array, color: Array, at: Array) -> Array:

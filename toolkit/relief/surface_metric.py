@@ -12,7 +12,7 @@ from intaglio.kernels.surface_matching import NOT_VIABLE, surface_ssd_kernel
 from intaglio.relief.displacement_metric import choose_near_best
 from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Picks, Selection, State
-from intaglio.relief.samples import Samples
+from intaglio.relief.samples import Samples, filled_sample_set
 from intaglio.topology import adjacency
 
 Array = np.ndarray
@@ -98,17 +98,7 @@ class SurfaceMetric:
 
     def absorb(self, state: State) -> None:
         """See `Metric.absorb`."""
-        ground = self._ground
-        vertex = np.flatnonzero(state.textured & (np.diff(ground.topology.face_offsets) > 0))
-        samples = Samples(
-            state.source[vertex],
-            ground.foot[vertex],
-            ground.u[vertex],
-            ground.v[vertex],
-            state.height[vertex],
-            None if state.color is None else state.color[vertex],
-            ground.topology.incident[ground.topology.face_offsets[vertex]],
-        )
+        samples = filled_sample_set(self._ground, state.textured, state.height, state.source, state.rotation, state.color)
         self._take(samples, state.textured)
 
     def _take(self, samples: Samples, is_sample: Array) -> None:

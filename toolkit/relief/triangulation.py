@@ -144,8 +144,9 @@ def fill_base(
         targets, triangles = _keep_used(targets, triangles, used, len(rim))
         if sweep == _RELAXATIONS - 1:
             break
-        if not regular:
-            targets = _relax(base, feet[rim], targets, triangles, spacing)
+        if regular:
+            continue
+        targets = _relax(base, feet[rim], targets, triangles, spacing)
         targets = _mend_density(base, feet[rim], targets, triangles, spacing, fixed_tree)
     if len(triangles) == 0:
         raise InputError(
