@@ -10,7 +10,8 @@ the blocked Warp kernel below or, on a CPU, by two matrix products (BLAS) from
     ssd = sum w x^2 - 2 sum (w x) y + sum w y^2.
 
 The expansion cancels where costs are small, so both engines give only a short list, which is compared again in the direct
-form in double precision: the choice does not depend on the engine.
+form in double precision: the choice near the best does not depend on the engine. (A choice among the best percents goes by the
+engine's own rank.)
 """
 
 from __future__ import annotations
@@ -91,13 +92,17 @@ def shortlist_kernel(
     lowest: wp.array2d(dtype=float),
     factor: float,
     slack: wp.array(dtype=float),
+    stride: int,
+    samples: int,
     # output
     shortlist: wp.array2d(dtype=wp.int32),
     count: wp.array(dtype=wp.int32),
 ):
     """List the candidates within ``factor`` of a target's least cost (plus the rounding slack), in index order.
 
-    Where more qualify than the list holds, they are thinned by a hash of their index, alike for every engine.
+    Column ``q * stride + s`` of ``cost`` is candidate ``q * samples + s``. Where more qualify than the list holds, only those
+    within the slack of the least are taken, and if these are still too many they are thinned by a hash of their index, the
+    least one kept.
     """
     t = start + wp.tid()
     m = float(3.0e38)
@@ -109,19 +114,31 @@ def shortlist_kernel(
         keep = wp.uint32(0)
         room = shortlist.shape[1]
         again = int(1)
+        tightened = int(0)
         while again == 1:
             n = int(0)
+            kept_least = int(0)
             for b in range(lowest.shape[1]):
                 if lowest[t, b] <= limit and n <= room:
                     for j in range(b * _BLOCK, wp.min((b + 1) * _BLOCK, cost.shape[1])):
-                        if cost[t, j] <= limit and (thinning_hash(j) & keep) == wp.uint32(0):
-                            if n < room:
-                                shortlist[t, n] = j
-                            n = n + 1
+                        if cost[t, j] <= limit:
+                            c = (j / stride) * samples + j % stride
+                            wanted = (thinning_hash(c) & keep) == wp.uint32(0)
+                            if cost[t, j] == m and kept_least == 0:
+                                wanted = True
+                                kept_least = int(1)
+                            if wanted:
+                                if n < room:
+                                    shortlist[t, n] = c
+                                n = n + 1
             again = int(0)
             if n > room:
-                keep = keep * wp.uint32(2) + wp.uint32(1)
                 again = int(1)
+                if tightened == 0:
+                    tightened = int(1)
+                    limit = wp.max(m, 0.0) + slack[t]
+                else:
+                    keep = keep * wp.uint32(2) + wp.uint32(1)
     count[t] = n
 
 
@@ -215,6 +232,8 @@ class NeighbourhoodMatcher:
             rows = np.concatenate([filled, np.full((padded, self.grid), _MISSING, np.float32)])
             blocked = rows.reshape(-1, LANES, self.grid).transpose(0, 2, 1)
             self._blocks = wp.array(np.ascontiguousarray(blocked), dtype=vec16, device=device)
+        # Columns of a cost table per rotation: the samples, padded to whole blocks by the Warp engine.
+        self._stride = self.samples if self.engine == "blas" else len(blocked) * LANES
         # What rounding in the expansion can hide, in units of the variance.
         self._largest = float(np.abs(value[exists]).max()) if exists.any() else 1.0
         self._buffers = threading.local()
@@ -223,6 +242,9 @@ class NeighbourhoodMatcher:
     def targets_at_once(self) -> int:
         """Targets whose costs are held at a time; fixed by the problem, so results do not depend on threads."""
         row = self.rotations * self.samples
+        if not self.device.startswith("cpu"):
+            return int(np.clip(256_000_000 // row, 1, 4096))
+        # A table of costs that stays in the caches.
         return int(np.clip(4_000_000 // row, 1, max(1, 192 // self.rotations)))
 
     def match(self, value: np.ndarray, weight: np.ndarray, factor: float = 1.1) -> Matches:
@@ -248,7 +270,10 @@ class NeighbourhoodMatcher:
             rows = slice(index * at_once, min((index + 1) * at_once, count))
             cost = self._costs(value[rows], weight[rows])
             slack = self._slack(value[rows], weight[rows])
-            select_near_best(cost, slack, factor, shortlist[rows], listed[rows], split=self.engine == "warp")
+            select_near_best(
+                cost, slack, factor, shortlist[rows], listed[rows],
+                split=self.engine == "warp", stride=self._stride, samples=self.samples,
+            )  # fmt: skip
 
         chunks = range(-(-count // at_once))
         if self.engine == "blas":
@@ -278,7 +303,8 @@ class NeighbourhoodMatcher:
             for first in range(0, count, at_once):
                 rows = slice(first, min(first + at_once, count))
                 cost = self._costs(value[rows], weight[rows]).numpy()
-                chosen[rows], listed[rows] = pick_by_rank(cost, share, pick[rows])
+                column, listed[rows] = pick_by_rank(cost, share, pick[rows])
+                chosen[rows] = column // self._stride * self.samples + column % self._stride
         return Matches(chosen, self.direct_cost(value, weight, chosen, listed), listed)
 
     def direct_cost(self, value: np.ndarray, weight: np.ndarray, candidate: np.ndarray, count: np.ndarray) -> np.ndarray:
@@ -305,8 +331,6 @@ class NeighbourhoodMatcher:
         return wp.array(data, dtype=dtype, device=self.device, copy=not self.device.startswith("cpu"))
 
     def _slack(self, value: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        if self.engine == "warp":
-            return np.full(len(value), 1e-6, np.float32) * np.float32(self._largest**2)
         scale = (weight * value**2).sum(axis=1) + self._largest**2
         return (4e-6 * scale).astype(np.float32)
 
@@ -324,13 +348,8 @@ class NeighbourhoodMatcher:
                 device=self.device,
                 grain=1,
             )
-            flat = cost.view(wp.float32).reshape((count, self.rotations, blocks * LANES))
-            if blocks * LANES == self.samples:
-                return flat.reshape((count, -1))
-            host = flat.numpy()[:, :, : self.samples] if self.device.startswith("cpu") else None
-            if host is not None:
-                return wp.array(np.ascontiguousarray(host).reshape(count, -1), dtype=float, device=self.device)
-            return wp.clone(flat[:, :, : self.samples].contiguous()).reshape((count, -1))
+            # Padded candidates cost as much as missing ones: they are never viable, and needn't be cut off.
+            return cost.view(wp.float32).reshape((count, -1))
         rows = count * self.rotations
         left = np.zeros((count, self.rotations, 2 * self.grid), np.float32)
         for q, turned in enumerate(self._permutation_host):
@@ -350,7 +369,15 @@ class NeighbourhoodMatcher:
 
 
 def select_near_best(
-    cost: wp.array, slack: np.ndarray, factor: float, shortlist: np.ndarray, listed: np.ndarray, *, split: bool
+    cost: wp.array,
+    slack: np.ndarray,
+    factor: float,
+    shortlist: np.ndarray,
+    listed: np.ndarray,
+    *,
+    split: bool,
+    stride: int,
+    samples: int,
 ) -> None:
     """Write the candidates within ``factor`` of the least of ``cost`` (T, C), plus ``slack`` (T,), to a short list.
 
@@ -366,6 +393,8 @@ def select_near_best(
         Filled in place: how many are listed, 0 where the least cost is not viable.
     split : bool
         Split the launch over threads; False within a worker thread.
+    stride, samples : int
+        Columns per rotation of ``cost``, and how many of them are samples; equal where nothing is padded.
     """
     device = str(cost.device)
     on_cpu = device.startswith("cpu")
@@ -384,7 +413,7 @@ def select_near_best(
             wp.launch(kernel, dim=dim, inputs=[0, *inputs], outputs=outputs, device=device, record_tape=False)
 
     go(block_minimum_kernel, lowest.shape, [cost], [lowest])
-    go(shortlist_kernel, (count,), [cost, lowest, float(factor), slack_there], [out, number])
+    go(shortlist_kernel, (count,), [cost, lowest, float(factor), slack_there, stride, samples], [out, number])
     if not on_cpu:
         shortlist[:] = out.numpy()
         listed[:] = number.numpy()

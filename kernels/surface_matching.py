@@ -56,7 +56,10 @@ def nearest_vertex(
     offsets: wp.array(dtype=wp.int32),
     neighbours: wp.array(dtype=wp.int32),
 ) -> int:
-    """Vertex whose base point is nearest to ``p``, by descent over the triangulation's edges from ``first``."""
+    """Vertex whose base point is nearest to ``p``, by descent over the triangulation's edges from ``first``.
+
+    Exact on a Delaunay triangulation; a scan's own triangles may stop it one vertex short.
+    """
     here = first
     best = wp.length_sq(foot[here] - p)
     step = int(0)

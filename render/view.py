@@ -130,7 +130,7 @@ def view(
         }
         integrator = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
         scene = mi.load_dict({"type": "scene", "integrator": integrator, "mesh": mesh, "light": emitter})
-        lit = np.array(mi.render(scene, sensor=sensor, spp=samples, seed=seed), dtype=np.float32)
+        lit = np.array(mi.render(scene, sensor=sensor, spp=samples, seed=seed & 0xFFFFFFFF), dtype=np.float32)
         rendered[:, :, :3] += lit[:, :, :3]
         rendered[:, :, 3] = lit[:, :, 3]
     alpha = np.clip(rendered[:, :, 3:4], 0, 1)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_files import read_surface
+from intaglio.mesh_reading import read_surface
 from intaglio.scenes.common import Result, cut_out, options, real_data, run_scene
 from intaglio.surface import Surface
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_files import read_surface
+from intaglio.mesh_reading import read_surface
 from intaglio.scenes.common import Result, options, real_data, run_scene
 from intaglio.scenes.golf_ball import NOISE, one_view
 from intaglio.surface import Surface

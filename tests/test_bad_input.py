@@ -187,6 +187,9 @@ def test_a_scan_that_covers_its_base_twice():
         ("cut.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "no end"),
         ("short.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 900\nproperty float x\nproperty float y\n"
                       b"property float z\nend_header\nabc", "no readable PLY"),
+        ("cutface.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+                        b"element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+         "cut off|no readable"),
         ("scan.xyz", b"1 2 3\n", "unknown mesh type"),
         ("noise.stl", b"\x00\x01\x02" * 30, "short|no readable|no vertices|holds"),
         ("text.glb", b"hello world, this is no glTF", "no readable"),
@@ -198,6 +201,88 @@ def test_files_that_are_no_meshes(tmp_path, name, content, message):
         path.write_bytes(content)
     with pytest.raises(IntaglioError, match=message):
         intaglio.read_surface(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b'"kind": "plane"', b'"kind": "torus"'), (b'{"kind"', b'{"kind'), (b"double nx", b"double qx"), (b'"inward"', b'"inwerd"')],
+)
+def test_damaged_properties_of_our_own(tmp_path, old, new):
+    vertices, faces = square()
+    plane = intaglio.Plane(point=np.zeros(3), normal=np.array([0, 0, 1.0]))
+    Surface(vertices=vertices, faces=faces, model=plane).write(tmp_path / "s.ply")
+    data = (tmp_path / "s.ply").read_bytes()
+    assert old in data
+    (tmp_path / "s.ply").write_bytes(data.replace(old, new))
+    with pytest.raises(InputError, match="own properties"):
+        intaglio.read_surface(tmp_path / "s.ply")
+
+
+def test_a_surface_without_faces_comes_back(tmp_path):
+    Surface(vertices=np.eye(3), faces=np.zeros((0, 3), int)).write(tmp_path / "s.ply")
+    assert len(intaglio.read_surface(tmp_path / "s.ply").vertices) == 3
+
+
+def test_single_precision_formats_warn_before_they_round(tmp_path):
+    vertices, faces = square()
+    with pytest.warns(intaglio.IntaglioWarning, match=r"single precision.*write \.ply"):
+        Surface(vertices=vertices * 0.01 + 4e6, faces=faces).write(tmp_path / "s.glb")
+    with pytest.raises(InputError, match="don't fit"):
+        Surface(vertices=vertices * 1e60, faces=faces).write(tmp_path / "s.stl")
+
+
+def test_a_truth_without_faces(wave_sheet):
+    scan, _ = wave_sheet
+    holed = scan.part(np.linalg.norm(scan.vertices[:, :2] - 20, axis=1) > 5)
+    whole = intaglio.complete_relief(holed, "plane", window=2)
+    with pytest.raises(InputError, match="no faces"):
+        intaglio.assess_relief(whole, Surface(vertices=np.eye(3), faces=np.zeros((0, 3), int)))
+    with pytest.raises(InputError, match="Surface"):
+        intaglio.assess_relief(whole, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("spacing", "x"),
+        ("factor", "x"),
+        ("extent", ("a", 1)),
+        ("error", [1, 2]),
+        ("progress", 3),
+        ("reference", (0, 0)),
+        ("reference", (0, 0, np.nan)),
+        ("base", np.eye(3)),
+    ],
+)
+def test_arguments_of_the_wrong_type(name, value):
+    vertices, faces = square()
+    settings = {"base": "plane", "window": 2, "extent": (-3, 14, 0, 11), name: value}
+    with pytest.raises(InputError):
+        intaglio.complete_relief(Surface(vertices=vertices, faces=faces), **settings)
+
+
+def test_a_thin_but_endless_extent():
+    vertices, faces = square()
+    with pytest.raises(InputError, match="smaller extent"):
+        intaglio.complete_relief(Surface(vertices=vertices, faces=faces), "plane", window=2, extent=(0, 1e9, 0, 1e-9))
+
+
+def test_a_moebius_band_is_cut_by_repair(tmp_path):
+    n = 40
+    t = np.arange(n) * 2 * np.pi / n
+    rim = [
+        np.stack([(3 + s * np.cos(t / 2)) * np.cos(t), (3 + s * np.cos(t / 2)) * np.sin(t), s * np.sin(t / 2)], 1)
+        for s in (-1, 1)
+    ]
+    a, b = np.arange(n), n + np.arange(n)
+    c, d = np.append(a[1:], b[0]), np.append(b[1:], a[0])
+    faces = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1)])
+    Surface(vertices=np.concatenate(rim), faces=faces).write(tmp_path / "m.ply")
+    mended = intaglio.read_surface(tmp_path / "m.ply", repair=True)
+    assert any("one-sided" in note for note in mended.notes)
+    from intaglio.relief.prepare import check_scan
+
+    check_scan(mended.vertices, mended.faces)
 
 
 def test_points_need_a_view_direction(tmp_path):
@@ -238,7 +323,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         with open("/dev/full", "wb") as file:
             file.write(bytes(1 << 20))
 
-    monkeypatch.setattr("intaglio.mesh_files._write_ply", full)
+    monkeypatch.setattr("intaglio.mesh_writing._write_ply", full)
     with pytest.raises(intaglio.FileError, match="No space left"):
         surface.write(path)
     assert path.read_bytes() == before

@@ -78,7 +78,7 @@ def test_render_compare_info(monkeypatch, capsys, scan_file, tmp_path):
     assert "40 x 30 pixels, 3 channels" in out
     status, out, _ = run(monkeypatch, capsys, "info")
     assert "renderer:" in out
-    assert "default" in out
+    assert "in use" in out
 
 
 @pytest.mark.parametrize(
@@ -99,6 +99,11 @@ def test_render_compare_info(monkeypatch, capsys, scan_file, tmp_path):
         (("compare", "SCAN", "SCAN"), "unknown image type"),
         (("info", "Makefile.txt"), "no such file"),
         (("polish", "SCAN"), "No such command"),
+        (("render", "SCAN", "-o", "a.png", "--slant", "nan"), "finite"),
+        (("render", "SCAN", "-o", "a.png", "--direction", "nan,0,0"), "not finite"),
+        (("info", "--device", "tpu"), "not available"),
+        (("info", "x" * 300 + ".ply"), "no usable file name"),
+        (("complete", "SCAN", "-o", "out.ply", "--base", "sphere", "--extent", "rectangle"), "scan.ply: "),
     ],
 )
 def test_errors_are_one_message_and_status_two(monkeypatch, capsys, scan_file, tmp_path, arguments, message):
@@ -131,3 +136,17 @@ def test_interrupted_work_leaves_no_file(cap, tmp_path):
     assert process.returncode == 130, err
     assert "interrupted" in err
     assert [p.name for p in tmp_path.iterdir()] == ["cap.ply"]
+
+
+def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
+    intaglio.write_image(np.full((4, 6, 3), 0.5), tmp_path / "a.png")
+    (tmp_path / "capture.lp").write_text("2\na.png 0 0 2\nb b.png 1 0 1\n")
+    status, out, err = run(monkeypatch, capsys, "info", tmp_path / "capture.lp")
+    assert status == 0, err
+    assert "2 images; light slant 0.0 to 45.0" in out
+    assert "1 images are not there, the first is b b.png" in out
+    assert "6 x 4 pixels" in out
+    (tmp_path / "bad.lp").write_text("3\na.png 0 0 1\n")
+    status, _, err = run(monkeypatch, capsys, "info", tmp_path / "bad.lp")
+    assert status == 2
+    assert "promises 3 images, but 1 follow" in err

@@ -102,7 +102,7 @@ def test_more_equal_candidates_than_the_list_holds(device):
     assert 30 < matches.count[0] <= 256
     listed = matches.candidate[0, : matches.count[0]]
     assert len(set(listed.tolist())) == len(listed)
-    # Thinned, not cut off: candidates from all over remain.
+    # Thinned, not cut off: candidates from all over remain, the best among them.
     assert listed.min() < 500
     assert listed.max() > 4500
 
@@ -136,3 +136,25 @@ def test_surface_metric_agrees_with_brute_force(wave_tube, device):
         assert picks.error[k] == pytest.approx(best, rel=2e-4, abs=1e-9)
         chosen = round(picks.rotation[k] * rotations / (2 * np.pi)) * len(samples.vertex) + picks.sample[k]
         assert costs[chosen] == pytest.approx(best, rel=2e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["blas", "warp"])
+def test_the_best_of_too_many_is_never_thinned_away(engine, device):
+    if engine == "blas" and device != "cpu":
+        pytest.skip("BLAS runs on the CPU")
+    _, _, permutation = polar_grid(1, 1)
+    grid = permutation.shape[1]
+    rng = np.random.default_rng(0)
+    sample = (1 + 1e-4 * rng.normal(size=(30_000, grid))).astype(np.float32)
+    weight = np.full((20, grid), 1 / grid, np.float32)
+    value = rng.normal(0, 1e-4, (20, grid)).astype(np.float32)
+    matcher = NeighbourhoodMatcher(sample, np.ones_like(sample), permutation, device=device, engine=engine)
+    matches = matcher.match(value, weight, 1.5)
+    expected = np.array(
+        [
+            displacement_costs(v, w, sample, np.ones_like(sample) > 0, permutation).min()
+            for v, w in zip(value, weight, strict=True)
+        ]
+    )
+    # Rounding in the expansion may hide which of the near-equal is least, by no more than its slack.
+    np.testing.assert_allclose(matches.cost.min(axis=1), expected, rtol=2e-5)

@@ -1,8 +1,9 @@
 """Intaglio completes, synthesises and relights the fine surface texture of real objects."""
 
-from intaglio.errors import DependencyError, FileError, FitError, InputError, IntaglioError, IntaglioWarning
+from intaglio.errors import FileError, FitError, InputError, IntaglioError, IntaglioWarning
 from intaglio.images import read_exr, read_image, write_exr, write_image
-from intaglio.mesh_files import read_surface, write_surface
+from intaglio.mesh_reading import read_surface
+from intaglio.mesh_writing import write_surface
 from intaglio.relief.assess import ReliefReport, TruthComparison, assess_relief
 from intaglio.relief.base import Base, Cylinder, Plane, Sphere
 from intaglio.relief.complete import complete_relief
@@ -15,7 +16,6 @@ __version__ = "0.1.0"
 __all__ = [
     "Base",
     "Cylinder",
-    "DependencyError",
     "FileError",
     "FitError",
     "InputError",

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 import numpy as np
 
 import intaglio
+from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError
 from intaglio.files import check_readable, check_writable
 
@@ -33,6 +35,8 @@ class _Numbers(click.ParamType):
             numbers = tuple(float(v) for v in str(value).split(","))
         except ValueError:
             self.fail(f"{value!r} is not a list of numbers like 0,0,1", param, ctx)
+        if not np.isfinite(numbers).all():
+            self.fail(f"{value!r} holds a number that is not finite", param, ctx)
         if self.count is not None and len(numbers) != self.count:
             self.fail(f"{value!r} has {len(numbers)} numbers where {self.count} are needed", param, ctx)
         return numbers
@@ -76,6 +80,10 @@ def cli() -> None:
 @click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
 @click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
 @click.option("--frames", type=click.Choice(["algebraic", "sweep", "reference"]), default=None, help="Local frames.")
+@click.option("--reference", type=_Numbers(3), default=None, help="x,y,z: global vector for --frames reference.")
+@click.option("--factor", type=float, default=1.1, show_default=True, help="near-best: share of the least error.")
+@click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
+@click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
 @click.option("--view", type=_Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
@@ -107,18 +115,25 @@ def complete(
     if settings["metric"] == "surface" or settings["bootstrap"]:
         settings["refine"] = _unless_given("refine", 0, settings["refine"])
     start = time.perf_counter()
-    with _Bar("completing") as bar:
-        whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
+    try:
+        with _Bar("completing") as bar:
+            whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
+    except (InputError, intaglio.FitError) as error:
+        raise type(error)(f"{scan}: {error}") from error
     for note in surface.notes + whole.notes:
         click.echo(f"  {note}", err=True)
     intaglio.write_surface(whole, output)
     filled = int((~whole.measured).sum())
     seconds = time.perf_counter() - start
     click.echo(f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {seconds:.1f} s")
-    if report is not None:
+    if report is not None and filled == 0:
+        click.echo(f"no report: what was missing of {scan} was closed by triangles alone, there is nothing to assess")
+    elif report is not None:
         from intaglio.relief.report import write_relief_report
 
-        figures = write_relief_report(whole, report, truth=known, scan=surface, title=f"{scan.name} completed")
+        figures = write_relief_report(
+            whole, report, truth=known, scan=surface, title=f"{scan.name} completed", device=settings["device"]
+        )
         for line in figures.lines():
             click.echo(f"  {line}")
         click.echo(f"wrote {report}")
@@ -154,7 +169,7 @@ def render(
 ) -> None:
     """Render MESH under raking light, so that its relief shows."""
     from intaglio.relief.pictures import FILLED_TINT
-    from intaglio.render import Light, frame, variant, view
+    from intaglio.render import Light, frame, view
     from intaglio.render.view import CLAY
 
     check_writable(output, inputs=(mesh,))
@@ -162,7 +177,9 @@ def render(
     shape = _size(size)
     if not any(direction) or not any(up):
         raise InputError("--direction and --up must not be all zero")
-    _render_device(device, variant().name)
+    if not np.isfinite([tilt, slant]).all():
+        raise InputError("--tilt and --slant must be finite numbers of degrees")
+    _render_on(device)
     surface = intaglio.read_surface(mesh)
     used = np.unique(surface.faces)
     if len(used) == 0:
@@ -196,6 +213,7 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
     from intaglio.render import compare as compare_images
     from intaglio.render.compare import decode_srgb
 
+    device_or_error(device)
     if output is not None:
         check_writable(output, inputs=(image, reference))
         _known_suffix(output, _IMAGES, "image")
@@ -216,8 +234,9 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
 @_common
 def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -> None:
     """Show versions, devices and the renderer's variant; or the facts of meshes and images."""
+    device_or_error(device)
     if not files:
-        for line in _system_facts():
+        for line in _system_facts(device):
             click.echo(line)
     for path in files:
         suffix = path.suffix.lower()
@@ -226,29 +245,32 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
             lines = _mesh_facts(path, repair)
         elif suffix in _IMAGES:
             lines = _image_facts(path)
+        elif suffix == ".lp":
+            lines = _stack_facts(path)
         else:
-            raise InputError(f"{path}: neither a mesh ({', '.join(_MESHES)}) nor an image ({', '.join(_IMAGES)})")
+            known = ", ".join((*_MESHES, *_IMAGES, ".lp"))
+            raise InputError(f"{path}: neither a mesh nor an image nor a stack's light positions ({known})")
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
 
 
-def _system_facts() -> list[str]:
+def _system_facts(asked: str | None) -> list[str]:
     import platform
     from importlib.metadata import version
 
     import warp as wp
 
-    from intaglio.kernels.launch import choose_device, threads
+    from intaglio.kernels.launch import threads
     from intaglio.render.variant import variant
 
     packages = ("warp-lang", "mitsuba", "numpy", "scipy", "trimesh", "OpenEXR")
     chosen = variant()
-    device = choose_device()
+    device = device_or_error(asked)
     return [
         f"intaglio {intaglio.__version__}, Python {platform.python_version()} on {platform.platform()}",
         ", ".join(f"{p} {version(p)}" for p in packages),
-        f"devices: {', '.join(str(d) for d in wp.get_devices())}; default {device}; {threads()} CPU threads",
+        f"devices: {', '.join(str(d) for d in wp.get_devices())}; in use {device}; {threads()} CPU threads",
         f"renderer: {chosen.name} ({chosen.reason})",
     ]
 
@@ -294,6 +316,25 @@ def _image_facts(path: Path) -> list[str]:
             f"channel {c}: least {plane.min():.5g}, mean {plane.mean():.5g}, most {plane.max():.5g}; "
             f"{np.mean(plane >= 1):.2%} at or over 1, {np.mean(plane <= 0):.2%} at or under 0"
         )
+    return lines
+
+
+def _stack_facts(path: Path) -> list[str]:
+    from intaglio.light_positions import read_light_positions
+
+    names, lights = read_light_positions(path)
+    missing = [n for n in names if not (path.parent / n).exists()]
+    slant = np.degrees(np.arccos(np.clip(lights[:, 2], -1, 1)))
+    tilt = np.degrees(np.arctan2(lights[:, 1], lights[:, 0])) % 360
+    lines = [
+        f"stack of {len(names)} images; light slant {slant.min():.1f} to {slant.max():.1f} degrees, "
+        f"tilt {tilt.min():.1f} to {tilt.max():.1f} degrees"
+    ]
+    if missing:
+        lines.append(f"{len(missing)} images are not there, the first is {missing[0]}")
+    found = [n for n in names if n not in missing]
+    if found and Path(found[0]).suffix.lower() in _IMAGES:
+        lines += [f"first image {found[0]}:", *(f"  {line}" for line in _image_facts(path.parent / found[0]))]
     return lines
 
 
@@ -347,9 +388,18 @@ def _size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def _render_device(device: str | None, variant_name: str) -> None:
-    if device is not None and device.startswith("cuda") and not variant_name.startswith("cuda"):
-        raise InputError(f"--device {device}: the renderer has no CUDA here, it uses {variant_name}")
+def _render_on(device: str | None) -> None:
+    """Have the renderer use the device that was asked for, as far as it can."""
+    from intaglio.render.variant import usable_llvm, variant
+
+    if device is None:
+        return
+    on_cpu = device_or_error(device) == "cpu"
+    if on_cpu and variant().name.startswith("cuda"):
+        os.environ["INTAGLIO_VARIANT"] = "llvm_ad_rgb" if usable_llvm()[0] else "scalar_rgb"
+        variant.cache_clear()
+    if not on_cpu and not variant().name.startswith("cuda"):
+        raise InputError(f"--device {device}: the renderer has no CUDA here, it uses {variant().name}")
 
 
 def _opaque(image: Array) -> Array:
@@ -363,22 +413,30 @@ def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
     try:
         cli.main(standalone_mode=False)
-    except click.exceptions.Abort:
-        click.echo("interrupted; nothing was written", err=True)
-        sys.exit(130)
-    except KeyboardInterrupt:
-        click.echo("interrupted; nothing was written", err=True)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        click.echo("interrupted; no file was left half written", err=True)
         sys.exit(130)
     except click.ClickException as error:
         error.show()
         sys.exit(2)
-    except (IntaglioError, MemoryError, ValueError) as error:
-        if isinstance(error, MemoryError):
-            error = IntaglioError("not enough memory; give a larger --spacing or a smaller --window")
-        elif not isinstance(error, IntaglioError) and "INTAGLIO_" not in str(error):
-            raise
-        click.echo(f"intaglio: {error}", err=True)
+    except IntaglioError as error:
+        _stop(str(error))
+    except MemoryError:
+        _stop("not enough memory; give a larger --spacing, a smaller --window or fewer --rotations")
+    except BrokenPipeError:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - the interpreter flushes it on its way out
         sys.exit(2)
+    except OSError as error:
+        _stop(f"{error.filename or 'output'}: {error.strerror or error}")
+    except ValueError as error:
+        if "INTAGLIO_" not in str(error):
+            raise
+        _stop(str(error))
+
+
+def _stop(message: str) -> NoReturn:
+    click.echo(f"intaglio: {message}", err=True)
+    sys.exit(2)
 
 
 if __name__ == "__main__":

@@ -19,9 +19,5 @@ class FitError(IntaglioError, ValueError):
     """No base shape fits the points, or several fit equally well."""
 
 
-class DependencyError(IntaglioError, ImportError):
-    """An optional package is missing; the message says what to install."""
-
-
 class IntaglioWarning(UserWarning):
     """Something the user should know but that does not stop the work."""

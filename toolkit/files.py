@@ -14,7 +14,11 @@ from intaglio.errors import FileError
 def check_readable(path: str | os.PathLike[str]) -> Path:
     """Return ``path`` as a Path, or raise `FileError` saying why it can't be read."""
     path = Path(path)
-    if not path.exists():
+    try:
+        exists = path.exists()
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path}: is no usable file name ({error})") from error
+    if not exists:
         raise FileError(f"{path}: no such file")
     if path.is_dir():
         raise FileError(f"{path}: is a folder, a file is needed")
@@ -36,6 +40,10 @@ def check_writable(path: str | os.PathLike[str], *, inputs: tuple[str | os.PathL
         Files that must not be overwritten.
     """
     path = Path(path)
+    try:
+        path.exists()
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path}: is no usable file name ({error})") from error
     if path.is_dir():
         raise FileError(f"{path}: is a folder; give the name of a file in it")
     folder = path.parent
@@ -66,7 +74,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     path = Path(path)
     check_writable(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     beside = Path(name)
     try:

@@ -24,8 +24,8 @@ def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> A
     path : path
         PNG, JPEG or TIFF with 8 or 16 bits (or a float TIFF), or EXR.
     linear : bool, optional
-        Whether the stored values are linear already. Default: 8-bit colour is decoded from sRGB; 16-bit, float and
-        grey 8-bit values of a TIFF or EXR are taken as they are, scaled to [0, 1].
+        Whether the stored values are linear already. Default: 8 bits are decoded from sRGB; 16 bits and floats are taken as
+        they are, integers scaled to [0, 1].
 
     Returns
     -------
@@ -54,8 +54,6 @@ def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> A
     eight_bit = raw.dtype == np.uint8
     if np.issubdtype(raw.dtype, np.integer):
         values = raw.astype(np.float32) / np.float32(np.iinfo(raw.dtype).max)
-    elif raw.dtype == bool:
-        values = raw.astype(np.float32)
     else:
         values = raw.astype(np.float32)
     if linear is None:
@@ -96,11 +94,21 @@ def write_image(
     """
     path = Path(path)
     kind = path.suffix.lower()
-    image = np.asarray(image)
+    try:
+        image = np.asarray(image)
+        if np.issubdtype(image.dtype, np.integer):
+            raise InputError(
+                f"{path}: an image holds linear values in [0, 1] as floats; divide {image.dtype} levels by their maximum"
+            )
+        image = image.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: the image is no array of numbers ({error})") from error
     if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
         raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {image.shape}")
-    if not np.isfinite(image).all():
-        raise InputError(f"{path}: the image has values that are not finite")
+    if not (np.abs(image) <= float(np.finfo(np.float32).max)).all():
+        raise InputError(f"{path}: the image has values that are not finite or too large for single precision")
     if kind == ".exr":
         names = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
         planes = image[:, :, None] if image.ndim == 2 else image
@@ -167,8 +175,11 @@ def write_exr(
         raise InputError(f"{path}: EXR channels must all be (H, W) of one size, not {sorted(shapes)}")
     header: dict[str, object] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     header.update(metadata or {})
-    with whole_file(path) as beside, OpenEXR.File(header, planes) as file:
-        file.write(str(beside))
+    try:
+        with whole_file(path) as beside, OpenEXR.File(header, planes) as file:
+            file.write(str(beside))
+    except RuntimeError as error:
+        raise FileError(f"{path}: could not be written ({error})") from error
 
 
 def _read_png(path: Path) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intaglio.errors import InputError
+from intaglio.mesh_writing import write_surface
 
 if TYPE_CHECKING:
     from intaglio.relief.base import Base
@@ -81,6 +82,8 @@ class Surface:
         if self.color is not None:
             put("color", _rows(self.color, "color", np.float32, count))
         measured = np.ones(count, bool) if self.measured is None else np.asarray(self.measured)
+        if measured.dtype.kind not in "bui":
+            raise InputError(f"measured must be bool, not {measured.dtype}")
         if measured.shape != (count,):
             raise InputError(f"measured must have shape ({count},), not {measured.shape}")
         put("measured", measured.astype(bool))
@@ -90,10 +93,12 @@ class Surface:
             value = getattr(self, name)
             if value is None:
                 continue
-            value = np.ascontiguousarray(value, dtype)
+            value = _numeric(value, name, dtype)
             if value.shape != (count,):
                 raise InputError(f"{name} must have shape ({count},), not {value.shape}")
             put(name, value)
+        if count and not (self.source.min() >= -1 and self.source.max() < count):
+            raise InputError(f"source must hold vertex numbers from 0 to {count - 1}, or -1; it holds {self.source.max()}")
 
     @property
     def displacement(self) -> Array:
@@ -107,8 +112,6 @@ class Surface:
 
     def write(self, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
         """Write the surface; provenance is kept in PLY. See `intaglio.write_surface`."""
-        from intaglio.mesh_files import write_surface
-
         write_surface(self, path, overwrite=overwrite)
 
     def part(self, keep: Array) -> Surface:
@@ -313,8 +316,19 @@ def _fans(topology: object, faces: Array, vertex: int) -> list[list[int]]:
     return fans
 
 
+def _numeric(value: ArrayLike, name: str, dtype: type) -> Array:
+    try:
+        if np.iscomplexobj(value):
+            raise InputError(f"{name} must be real numbers")
+        return np.ascontiguousarray(value, dtype)
+    except (TypeError, ValueError) as problem:
+        if isinstance(problem, InputError):
+            raise
+        raise InputError(f"{name} is no array of numbers ({problem})") from problem
+
+
 def _rows(value: Array, name: str, dtype: type, count: int | None = None) -> Array:
-    array: Array = np.ascontiguousarray(value, dtype)
+    array = _numeric(value, name, dtype)
     if array.ndim != 2 or array.shape[1] != 3 or (count is not None and len(array) != count):
         raise InputError(f"{name} must have shape ({'N' if count is None else count}, 3), not {array.shape}")
     finite = np.isfinite(array).all(axis=1)
@@ -325,7 +339,10 @@ def _rows(value: Array, name: str, dtype: type, count: int | None = None) -> Arr
 
 
 def _faces(value: Array, count: int) -> Array:
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError as problem:
+        raise InputError(f"faces are no (F, 3) array of integers ({problem})") from problem
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"faces must have shape (F, 3), not {array.shape}; polygons with more corners must be triangulated")
     if array.size and not np.issubdtype(array.dtype, np.integer):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.kernels.launch import choose_device
 from intaglio.kernels.location import height_above
 from intaglio.statistics import (
     earth_movers_distance,
@@ -150,6 +150,9 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     ----------
     Breckon & Fisher, TPAMI 2008, section 3, eq. 3 and table 1.
     """
+    for name, value in (("surface", surface), ("truth", truth)):
+        if not isinstance(value, Surface) and not (name == "truth" and value is None):
+            raise InputError(f"{name} must be an intaglio.Surface, not {type(value).__name__}")
     used = np.zeros(len(surface.vertices), bool)
     used[surface.faces] = True
     measured, filled = used & surface.measured, used & ~surface.measured
@@ -193,9 +196,11 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
 def _against_truth(
     surface: Surface, truth: Surface, relief: Array, measured: Array, filled: Array, device: str | None
 ) -> TruthComparison:
+    if len(truth.faces) == 0:
+        raise InputError("the truth has no faces: it can't be compared with")
     extent = float(np.linalg.norm(np.ptp(surface.base, axis=0)))
     reach = min(0.2 * extent, 10 * float(np.abs(relief).max()) + 1e-3 * extent)
-    true_relief = height_above(surface.base, surface.normal, truth.vertices, truth.faces, reach, choose_device(device))
+    true_relief = height_above(surface.base, surface.normal, truth.vertices, truth.faces, reach, device_or_error(device))
     difference = relief - true_relief
     known = np.isfinite(true_relief)
     at, own = filled & known, measured & known

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from intaglio.errors import InputError, IntaglioError
-from intaglio.kernels.launch import choose_device
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
 from intaglio.randomness import checked_seed
 from intaglio.relief.base import Base
 from intaglio.relief.displacement_metric import DisplacementMetric
@@ -136,6 +136,8 @@ def complete_relief(
     """
     if not isinstance(surface, Surface):
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress must be callable, not {type(progress).__name__}")
     made_up = int((~surface.measured).sum())
     if made_up:
         raise InputError(
@@ -166,10 +168,7 @@ def complete_relief(
         raise InputError(f"factor must be at least 1, not {factor!r}")
     if not 0 < eta <= 100:
         raise InputError(f"eta is a percentage in (0, 100], not {eta!r}")
-    try:
-        chosen_device = choose_device(device)
-    except ValueError as problem:
-        raise InputError(str(problem)) from problem
+    chosen_device = device_or_error(device)
     if engine == "blas" and not chosen_device.startswith("cpu"):
         raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
     ground = prepare_ground(surface, base, spacing=spacing, extent=extent, frames=frames, reference=reference)
@@ -231,7 +230,10 @@ def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Sur
     filled = state.textured & ~ground.measured
     vertices[filled] = ground.foot[filled] + state.height[filled, None] * ground.normal[filled]
     if not filled[~ground.measured].all():
-        raise IntaglioError("some targets were never reached by growth: the triangulation is in pieces without samples")
+        raise InputError(
+            "part of what is to be completed is not joined to the scan, so no relief can grow there: choose an extent that "
+            "touches the scan, or cut spikes off the scan's border"
+        )
     return Surface(
         vertices=vertices,
         faces=ground.faces,

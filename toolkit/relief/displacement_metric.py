@@ -40,20 +40,21 @@ class DisplacementMetric:
         self.device, self.engine = device, engine
         self._ground = ground
         offsets, self._ring, self._permutation = polar_grid(max(window, 2), rotations)
-        self._offsets = offsets * np.float32(ground.spacing)
+        # Kernels work in units of the spacing near the origin: single precision is enough there, whatever the survey's
+        # coordinates and unit.
+        self._offsets = offsets
         self._ring_weight = gaussian_weights(self._ring, max(window, 2))
         self._rotations = rotations
-        # float32 is enough near the origin, whatever the survey's coordinates.
         self._center = ground.foot.mean(axis=0)
         kind, origin, axis, radius = ground.base.kernel_parameters
         self._locator = GridLocator(
-            ground.foot - self._center,
+            (ground.foot - self._center) / ground.spacing,
             ground.faces,
             ground.topology.across,
             kind,
-            origin - self._center,
+            (origin - self._center) / ground.spacing,
             axis,
-            radius,
+            radius / ground.spacing,
             device,
         )
         known_height = ground.height[ground.measured]
@@ -158,8 +159,8 @@ class DisplacementMetric:
         self._matcher = NeighbourhoodMatcher(self._value, self._known, self._permutation, device=self.device, engine=self.engine)
 
     def _locate(self, foot: Array, u: Array, v: Array, first_face: Array) -> tuple[wp.array, wp.array]:
-        reach = 0.05 * self._ground.spacing
-        return self._locator.locate(foot - self._center, u, v, first_face, self._offsets, reach)
+        unit_foot = (foot - self._center) / self._ground.spacing
+        return self._locator.locate(unit_foot, u, v, first_face, self._offsets, 0.05)
 
     def _heights(self, height: Array) -> wp.array:
         return wp.array(((height - self._level) / self._scale).astype(np.float32), dtype=float, device=self.device)

@@ -168,7 +168,7 @@ def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent:
     if extent is not None and not isinstance(extent, str):
         low, high = _numbers(extent, 2, "a cylinder's extent is (low, high) along its axis")
     turn = 2 * np.pi * base.radius
-    _checked(turn * (high - low), spacing)
+    _checked(turn * max(high - low, spacing), spacing)
     if lattice is not None and columns is not None:
         grid = _close_the_turn(chart, lattice, columns, turn, low, high)
     else:
@@ -192,7 +192,7 @@ def _plane(base: Plane, feet: Array, faces: Array, spacing: float, extent: Exten
     if extent is not None and not isinstance(extent, str):
         u0, u1, v0, v1 = _numbers(extent, 4, "a plane's extent is (u0, u1, v0, v1) in its chart")
         low, high = np.array([u0, v0]), np.array([u1, v1])
-    _checked(float(np.prod(high - low)), spacing)
+    _checked(float(np.prod(np.maximum(high - low, spacing))), spacing)
     lattice = scan_lattice(chart, faces) if continue_lattice else None
     if lattice is not None:
         grid = _lattice_points(lattice, low, high)
@@ -316,10 +316,11 @@ def _hexagonal(u0: float, u1: float, v0: float, v1: float, spacing: float, *, wr
 
 
 def _checked(area: float, spacing: float) -> int:
-    count = int(np.ceil(area / (spacing**2 * np.sqrt(0.75))))
-    if count > _MOST_TARGETS:
-        raise InputError(f"spacing {spacing:.4g} would make {count:,} targets; give a larger spacing")
-    return max(count, 4)
+    """Return how many targets cover ``area``; too many are refused."""
+    count = area / spacing**2 / np.sqrt(0.75)
+    if not count <= _MOST_TARGETS:
+        raise InputError(f"spacing {spacing:.4g} would make {count:.3g} targets; give a larger spacing or a smaller extent")
+    return max(int(np.ceil(count)), 4)
 
 
 def _numbers(extent: str | Sequence[float], count: int, meaning: str) -> list[float]:

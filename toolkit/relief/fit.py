@@ -31,7 +31,7 @@ def fit_base(points: Array, kinds: Sequence[str] = KINDS) -> Base:
     Every kind is fitted by least squares of the orthogonal (geometric) distances under a robust loss (Cauchy, scaled by
     the median absolute deviation), so that relief on one side of the base, dimples or bumps, pulls it little. The kind is
     chosen by ``n log(s^2) + k log(n)`` with the mean absolute residual s, k parameters and n the number of points, counted
-    as at most 200 independent ones.
+    as at most 200 independent ones. Beyond 6,000 points, 6,000 of them evenly spaced in index are fitted; residuals are of all.
 
     Parameters
     ----------
@@ -109,7 +109,10 @@ def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
 
 
 def _checked(points: Array) -> Array:
-    points = np.asarray(points, np.float64)
+    try:
+        points = np.asarray(points, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"points are no (N, 3) array of numbers ({problem})") from problem
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), not {points.shape}")
     if not np.isfinite(points).all():
@@ -117,6 +120,10 @@ def _checked(points: Array) -> Array:
         raise InputError(f"point {bad} is not finite: {points[bad]}")
     if len(points) < 6:
         raise FitError(f"{len(points)} points are too few to fit a base; at least 6 are needed")
+    if not 1e-100 < np.ptp(points, axis=0).max() < 1e100 and np.ptp(points, axis=0).max() > 0:
+        raise InputError(
+            f"points extend over {np.ptp(points, axis=0).max():.3g} units: choose a unit nearer to the object's size"
+        )
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0:
         raise FitError("all points are in one place; no base can be fitted")

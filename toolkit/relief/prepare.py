@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.errors import FitError, InputError
-from intaglio.relief.base import Base, face_the_scan
+from intaglio.relief.base import Base, Cylinder, Plane, Sphere, face_the_scan
 from intaglio.relief.extent import Extent, region_to_complete, sampling_distance
 from intaglio.relief.fit import KINDS, fit_base
 from intaglio.relief.frames import local_frames
@@ -189,7 +189,8 @@ def check_scan(vertices: Array, faces: Array) -> None:
         first = int(np.flatnonzero(same)[0])
         raise InputError(
             f"{same.sum()} vertices lie exactly on another one, the first are {used[order[first]]} and "
-            f"{used[order[first + 1]]}: faces that should join do not; repair it (read_surface(path, repair=True), --repair) to merge them"
+            f"{used[order[first + 1]]}: faces that should join do not; repair it to merge them "
+            "(read_surface(path, repair=True), --repair)"
         )
     if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
         raise InputError("all faces have area zero: the surface is a line or a point")
@@ -198,10 +199,10 @@ def check_scan(vertices: Array, faces: Array) -> None:
 
 
 def _base_of(points: Array, base: Base | str, notes: list[str]) -> Base:
-    if isinstance(base, Base):
+    if isinstance(base, Plane | Cylinder | Sphere):
         notes.append(f"base as given: {base.describe()}")
         return base
-    if base not in ("auto", *KINDS):
+    if not isinstance(base, str) or base not in ("auto", *KINDS):
         raise InputError(f"unknown base {base!r}; known: 'auto', {', '.join(map(repr, KINDS))}, or a Plane, Cylinder or Sphere")
     fitted = fit_base(points, KINDS if base == "auto" else (base,))
     assert fitted.fit is not None

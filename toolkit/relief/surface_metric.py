@@ -82,7 +82,10 @@ class SurfaceMetric:
             if near_best:
                 shortlist = np.zeros((len(part), SHORTLIST), np.int32)
                 count = np.zeros(len(part), np.int32)
-                select_near_best(cost, np.zeros(len(part), np.float32), selection.factor, shortlist, count, split=True)
+                select_near_best(
+                    cost, np.zeros(len(part), np.float32), selection.factor, shortlist, count,
+                    split=True, stride=sample_count, samples=sample_count,
+                )  # fmt: skip
                 found = np.take_along_axis(cost.numpy(), shortlist, axis=1).astype(np.float64)
                 chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.factor, draw[rows])
             else:

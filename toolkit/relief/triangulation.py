@@ -288,7 +288,10 @@ def _constrained_delaunay(xy: Array, edges: Array) -> tuple[Array, Array]:
         mesh.insert_edges(np.unique(np.sort(edges, axis=1), axis=0).astype(np.uintc))
         mesh.erase_super_triangle()
     except (RuntimeError, ValueError) as error:
-        raise InputError(f"the scan's border can't be laid out on its base: {error}") from error
+        raise InputError(
+            "the scan's border crosses or touches itself when laid out on its base: cut away what does not lie on the base, "
+            f"or choose another base ({str(error).splitlines()[0]})"
+        ) from error
     triangles = np.asarray(mesh.triangles_array()["vertices"]).astype(np.int64)
     count = len(xy)
     directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
@@ -335,9 +338,9 @@ def _mend_density(base: Base, rim: Array, targets: Array, triangles: Array, spac
     points = np.concatenate([rim, targets])
     corners = points[triangles]
     large = _circumradius(corners) > 0.95 * spacing
-    extra = base.foot(_circumcenter(corners[large]))[0]
+    extra = _circumcenter(corners[large])
+    extra = base.foot(extra[np.isfinite(extra).all(axis=1)])[0]
     if len(extra):
-        extra = extra[np.isfinite(extra).all(axis=1)]
         extra = extra[fixed.query(extra)[0] > _CLEARANCE * spacing]
     if len(extra):
         # A circumcentre far outside its own triangle (a sliver's) is no place for a point.
@@ -360,7 +363,7 @@ def _circumradius(corners: Array) -> Array:
     b = np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)
     c = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
     doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return a * b * c / np.maximum(2 * doubled, 1e-300)
+    return np.divide(a * b * c, 2 * doubled, out=np.full(len(a), np.inf), where=doubled > 1e-12 * a * b)
 
 
 def _circumcenter(corners: Array) -> Array:
@@ -369,7 +372,9 @@ def _circumcenter(corners: Array) -> Array:
     n = np.cross(ab, ac)
     square = np.einsum("ij,ij->i", n, n)[:, None]
     lab, lac = (np.einsum("ij,ij->i", v, v)[:, None] for v in (ab, ac))
-    return a + (lac * np.cross(n, ab) + lab * np.cross(ac, n)) / np.maximum(2 * square, 1e-300)
+    flat = square <= 1e-24 * lab * lac
+    step = (lac * np.cross(n, ab) + lab * np.cross(ac, n)) / np.where(flat, 1.0, 2 * square)
+    return np.where(flat, np.nan, a + step)
 
 
 def _untangle(xy: Array, edges: Array) -> None:
