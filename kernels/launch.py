@@ -9,6 +9,8 @@ outputs, results do not depend on how a launch was split.
 from __future__ import annotations
 
 import os
+import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -44,6 +46,28 @@ def set_threads(count: int | None) -> None:
     if count is not None and count < 1:
         raise ValueError(f"threads must be at least 1, not {count}")
     _threads = count
+
+
+def start_quietly() -> None:
+    """Start Warp without its banner and without the line by which it tells that there is no NVIDIA driver.
+
+    That line is written by compiled code straight to file descriptor 2; anything else written there is passed on. For
+    programs, not for libraries: it holds the process' stderr for the moment of the start.
+    """
+    wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    saved = os.dup(2)
+    with tempfile.TemporaryFile() as caught:
+        os.dup2(caught.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)
+            caught.seek(0)
+            for line in caught.read().decode(errors="replace").splitlines():
+                if "find or load the NVIDIA CUDA driver" not in line:
+                    print(line, file=sys.stderr)
 
 
 def choose_device(device: str | None = None) -> str:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from intaglio.images import write_image
+from intaglio.kernels.launch import start_quietly
 from intaglio.relief.assess import ReliefReport
 from intaglio.relief.complete import complete_relief
 from intaglio.relief.pictures import clay_pictures, fixed_cameras, viewpoints
@@ -52,7 +52,7 @@ def real_data(name: str) -> Path:
 
 def options(description: str) -> argparse.Namespace:
     """Read a scene's command line."""
-    quiet_warp()
+    start_quietly()
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for pictures, meshes and report")
     parser.add_argument("--seed", type=int, default=1)
@@ -60,11 +60,6 @@ def options(description: str) -> argparse.Namespace:
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     return args
-
-
-def quiet_warp() -> None:
-    """Keep Warp's start-up lines out of the terminal."""
-    wp.config.log_level = wp.LOG_ERROR
 
 
 def progress_bar(label: str) -> tuple[Callable[[int, int], None], Callable[[], None]]:

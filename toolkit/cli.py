@@ -16,6 +16,7 @@ import intaglio
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError
 from intaglio.files import check_readable, check_writable
+from intaglio.kernels.launch import start_quietly, threads
 
 Array = np.ndarray
 _IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
@@ -261,7 +262,6 @@ def _system_facts(asked: str | None) -> list[str]:
 
     import warp as wp
 
-    from intaglio.kernels.launch import threads
     from intaglio.render.variant import variant
 
     packages = ("warp-lang", "mitsuba", "numpy", "scipy", "trimesh", "OpenEXR")
@@ -408,9 +408,8 @@ def _opaque(image: Array) -> Array:
 
 def main() -> None:
     """Run the command; errors become one line on stderr and exit status 2."""
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR
+    if not {"-h", "--help", "--version"} & set(sys.argv):
+        start_quietly()
     try:
         cli.main(standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
