@@ -1,4 +1,4 @@
-"""A wave on a cylinder, at the size and with the parameters of paper 001, figure 7: the base is known, w = 2, e = 0.1."""
+"""A wave on a cylinder, at about the size and with the parameters of paper 001, figure 7: the base is known, w = 2, e = 0.1."""
 
 from __future__ import annotations
 

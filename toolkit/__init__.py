@@ -4,11 +4,18 @@ from intaglio.errors import FileError, FitError, InputError, IntaglioError, Inta
 from intaglio.images import read_exr, read_image, write_exr, write_image
 from intaglio.mesh_reading import read_surface
 from intaglio.mesh_writing import write_surface
-from intaglio.relief.assess import ReliefReport, TruthComparison, assess_relief
-from intaglio.relief.base import Base, Cylinder, Plane, Sphere
-from intaglio.relief.complete import complete_relief
-from intaglio.relief.fit import fit_base
-from intaglio.relief.report import write_relief_report
+from intaglio.relief import (
+    Base,
+    Cylinder,
+    Plane,
+    ReliefReport,
+    Sphere,
+    TruthComparison,
+    assess_relief,
+    complete_relief,
+    fit_base,
+    write_relief_report,
+)
 from intaglio.surface import Surface, surface_from_points, surface_from_range_image
 
 __version__ = "0.1.0"

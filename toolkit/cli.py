@@ -102,8 +102,8 @@ def complete(
 ) -> None:
     """Complete what SCAN did not see: its smooth base, and over it the scan's own relief.
 
-    Measured vertices come out bit for bit as they are. What was made up is marked in the PLY's vertex properties
-    measured, source, rotation and error.
+    Measured vertices come out as they are (in PLY bit for bit). What was made up is marked in the PLY's vertex
+    properties measured, source, rotation and error.
     """
     check_readable(scan)
     check_writable(output, inputs=(scan,) if truth is None else (scan, truth))

@@ -106,10 +106,10 @@ def _sphere(base: Sphere, feet: Array, spacing: float, extent: Extent) -> Region
     direction = unit(feet - base.center)
     middle = unit(direction.mean(axis=0)) if np.linalg.norm(direction.mean(axis=0)) > 1e-6 else np.array([0.0, 0.0, 1.0])
     if extent is None or extent == "whole":
-        return Region(_cap(base, middle, np.pi, spacing), None, False, False, "extent: the whole sphere")
+        return Region(_cap(base, middle, np.pi, spacing, extent), None, False, False, "extent: the whole sphere")
     if extent == "holes":
         reach = float(np.arccos(np.clip(direction @ middle, -1, 1).min()))
-        return Region(_cap(base, middle, reach, spacing), None, True, False, "extent: holes in the scan")
+        return Region(_cap(base, middle, reach, spacing, extent), None, True, False, "extent: holes in the scan")
     (degrees,) = _numbers(extent, 1, "a sphere's extent is (degrees,), the half angle of a cap about the scan's middle")
     if not 0 < degrees < 180:
         raise InputError(f"a cap's half angle is between 0 and 180 degrees, not {degrees}")
@@ -118,13 +118,13 @@ def _sphere(base: Sphere, feet: Array, spacing: float, extent: Extent) -> Region
     def inside(points: Array) -> Array:
         return unit(points - base.center) @ middle > least
 
-    cap = _cap(base, middle, float(np.radians(degrees)), spacing)
+    cap = _cap(base, middle, float(np.radians(degrees)), spacing, extent)
     return Region(cap, inside, False, False, f"extent: a cap of {degrees:g} degrees about the scan's middle")
 
 
-def _cap(base: Sphere, middle: Array, half_angle: float, spacing: float) -> Array:
+def _cap(base: Sphere, middle: Array, half_angle: float, spacing: float, extent: Extent) -> Array:
     """Return a nearly triangular lattice of step ``spacing`` within ``half_angle`` (radians) of ``middle``."""
-    _checked(2 * np.pi * base.radius**2 * (1 - np.cos(half_angle)), spacing)
+    _checked(2 * np.pi * base.radius**2 * (1 - np.cos(half_angle)), spacing, extent)
     if half_angle < np.pi / 6:
         # A flat lattice rolled on along great circles; 30 degrees out it is squeezed by 5 %.
         reach = base.radius * half_angle
@@ -168,7 +168,7 @@ def _cylinder(base: Cylinder, feet: Array, faces: Array, spacing: float, extent:
     if extent is not None and not isinstance(extent, str):
         low, high = _numbers(extent, 2, "a cylinder's extent is (low, high) along its axis")
     turn = 2 * np.pi * base.radius
-    _checked(turn * max(high - low, spacing), spacing)
+    _checked(turn * max(high - low, spacing), spacing, extent)
     if lattice is not None and columns is not None:
         grid = _close_the_turn(chart, lattice, columns, turn, low, high)
     else:
@@ -192,7 +192,7 @@ def _plane(base: Plane, feet: Array, faces: Array, spacing: float, extent: Exten
     if extent is not None and not isinstance(extent, str):
         u0, u1, v0, v1 = _numbers(extent, 4, "a plane's extent is (u0, u1, v0, v1) in its chart")
         low, high = np.array([u0, v0]), np.array([u1, v1])
-    _checked(float(np.prod(np.maximum(high - low, spacing))), spacing)
+    _checked(float(np.prod(np.maximum(high - low, spacing))), spacing, extent)
     lattice = scan_lattice(chart, faces) if continue_lattice else None
     if lattice is not None:
         grid = _lattice_points(lattice, low, high)
@@ -315,12 +315,12 @@ def _hexagonal(u0: float, u1: float, v0: float, v1: float, spacing: float, *, wr
     return np.concatenate([grid[grid[:, 0] <= u1 + 1e-9 * (u1 - u0)], ends, ends + (u1 - u0, 0.0)])
 
 
-def _checked(area: float, spacing: float) -> int:
-    """Return how many targets cover ``area``; too many are refused."""
+def _checked(area: float, spacing: float, extent: Extent) -> None:
+    """Refuse an area of too many targets. For holes alone most of it is the scan itself: more is then let pass."""
+    most = 10 * _MOST_TARGETS if isinstance(extent, str) and extent == "holes" else _MOST_TARGETS
     count = area / spacing**2 / np.sqrt(0.75)
-    if not count <= _MOST_TARGETS:
+    if not count <= most:
         raise InputError(f"spacing {spacing:.4g} would make {count:.3g} targets; give a larger spacing or a smaller extent")
-    return max(int(np.ceil(count)), 4)
 
 
 def _numbers(extent: str | Sequence[float], count: int, meaning: str) -> list[float]:

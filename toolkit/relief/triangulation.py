@@ -137,6 +137,8 @@ def fill_base(
     fixed = _on_edges(feet[rim], edges, 0.5 * spacing)
     fixed_tree = cKDTree(fixed)
 
+    # What lies close to a scanned point lies on the scan or too near its border: dropped before it costs anything.
+    candidates = candidates[cKDTree(feet).query(candidates)[0] > _CLEARANCE * spacing]
     targets = candidates[fixed_tree.query(candidates)[0] > _CLEARANCE * spacing]
     region = _Region(base, chart_of, feet[rim], rim_xy, edges, spacing, inside, only_holes)
     for sweep in range(_RELAXATIONS):
