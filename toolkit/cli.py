@@ -15,12 +15,13 @@ import numpy as np
 import intaglio
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError
+from intaglio.facts import image_facts, mesh_facts, stack_facts, system_facts
 from intaglio.files import check_readable, check_writable
-from intaglio.kernels.launch import start_quietly, threads
+from intaglio.images import IMAGE_SUFFIXES
+from intaglio.kernels.launch import start_quietly
+from intaglio.mesh_writing import WRITABLE
 
 Array = np.ndarray
-_IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
-_MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 
 
 class _Numbers(click.ParamType):
@@ -107,7 +108,7 @@ def complete(
     """
     check_readable(scan)
     check_writable(output, inputs=(scan,) if truth is None else (scan, truth))
-    _known_suffix(output, _MESHES, "mesh")
+    _known_suffix(output, WRITABLE, "mesh")
     if report is not None:
         check_writable(report, inputs=(scan, output))
         _known_suffix(report, (".html", ".htm"), "report")
@@ -174,7 +175,7 @@ def render(
     from intaglio.render.view import CLAY
 
     check_writable(output, inputs=(mesh,))
-    _known_suffix(output, _IMAGES, "image")
+    _known_suffix(output, IMAGE_SUFFIXES, "image")
     shape = _size(size)
     if not any(direction) or not any(up):
         raise InputError("--direction and --up must not be all zero")
@@ -217,7 +218,7 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
     device_or_error(device)
     if output is not None:
         check_writable(output, inputs=(image, reference))
-        _known_suffix(output, _IMAGES, "image")
+        _known_suffix(output, IMAGE_SUFFIXES, "image")
     first, second = (_opaque(intaglio.read_image(p)) for p in (image, reference))
     try:
         result = compare_images(first, second)
@@ -237,105 +238,23 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
     """Show versions, devices and the renderer's variant; or the facts of meshes and images."""
     device_or_error(device)
     if not files:
-        for line in _system_facts(device):
+        for line in system_facts(device):
             click.echo(line)
     for path in files:
         suffix = path.suffix.lower()
         check_readable(path)
-        if suffix in _MESHES:
-            lines = _mesh_facts(path, repair)
-        elif suffix in _IMAGES:
-            lines = _image_facts(path)
+        if suffix in WRITABLE:
+            lines = mesh_facts(path, repair)
+        elif suffix in IMAGE_SUFFIXES:
+            lines = image_facts(path)
         elif suffix == ".lp":
-            lines = _stack_facts(path)
+            lines = stack_facts(path)
         else:
-            known = ", ".join((*_MESHES, *_IMAGES, ".lp"))
+            known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, ".lp"))
             raise InputError(f"{path}: neither a mesh nor an image nor a stack's light positions ({known})")
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
-
-
-def _system_facts(asked: str | None) -> list[str]:
-    import platform
-    from importlib.metadata import version
-
-    import warp as wp
-
-    from intaglio.render.variant import variant
-
-    packages = ("warp-lang", "mitsuba", "numpy", "scipy", "trimesh", "OpenEXR")
-    chosen = variant()
-    device = device_or_error(asked)
-    return [
-        f"intaglio {intaglio.__version__}, Python {platform.python_version()} on {platform.platform()}",
-        ", ".join(f"{p} {version(p)}" for p in packages),
-        f"devices: {', '.join(str(d) for d in wp.get_devices())}; in use {device}; {threads()} CPU threads",
-        f"renderer: {chosen.name} ({chosen.reason})",
-    ]
-
-
-def _mesh_facts(path: Path, repair: bool) -> list[str]:
-    from intaglio.relief.extent import sampling_distance
-    from intaglio.topology import border_loops, pieces, used_vertices
-
-    surface = intaglio.read_surface(path, repair=repair)
-    used = used_vertices(surface.faces, len(surface.vertices))
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    lines = [
-        f"{len(surface.vertices)} vertices ({int((~used).sum())} in no face), {len(surface.faces)} faces",
-        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}",
-        f"colour per vertex: {'yes' if surface.color is not None else 'no'}",
-    ]
-    if not surface.measured.all():
-        lines.append(f"provenance: {int(surface.measured.sum())} measured, {int((~surface.measured).sum())} filled vertices")
-    if len(surface.faces):
-        _, label = pieces(surface.faces, len(surface.vertices))
-        loops = border_loops(surface.faces)
-        sizes = ", ".join(str(len(loop)) for loop in loops[:8]) + (", …" if len(loops) > 8 else "")
-        lines.append(f"{len(np.unique(label[used]))} pieces; {len(loops)} border loops" + (f" of {sizes} edges" if loops else ""))
-        lines.append(sampling_distance(surface.vertices, surface.faces)[1])
-    if surface.model is not None:
-        lines.append(f"base: {surface.model.describe()}")
-    else:
-        try:
-            fitted = intaglio.fit_base(surface.vertices[used])
-            lines += [f"best base: {fitted.describe()}", f"  {fitted.fit.note}" if fitted.fit else ""]
-        except IntaglioError as error:
-            lines.append(f"best base: none ({error})")
-    return [*lines, *surface.notes]
-
-
-def _image_facts(path: Path) -> list[str]:
-    image = intaglio.read_image(path)
-    channels = 1 if image.ndim == 2 else image.shape[2]
-    lines = [f"{image.shape[1]} x {image.shape[0]} pixels, {channels} channel{'s' if channels > 1 else ''} (linear values below)"]
-    for c in range(channels):
-        plane = image if image.ndim == 2 else image[:, :, c]
-        lines.append(
-            f"channel {c}: least {plane.min():.5g}, mean {plane.mean():.5g}, most {plane.max():.5g}; "
-            f"{np.mean(plane >= 1):.2%} at or over 1, {np.mean(plane <= 0):.2%} at or under 0"
-        )
-    return lines
-
-
-def _stack_facts(path: Path) -> list[str]:
-    from intaglio.light_positions import read_light_positions
-
-    names, lights = read_light_positions(path)
-    missing = [n for n in names if not (path.parent / n).exists()]
-    slant = np.degrees(np.arccos(np.clip(lights[:, 2], -1, 1)))
-    tilt = np.degrees(np.arctan2(lights[:, 1], lights[:, 0])) % 360
-    lines = [
-        f"stack of {len(names)} images; light slant {slant.min():.1f} to {slant.max():.1f} degrees, "
-        f"tilt {tilt.min():.1f} to {tilt.max():.1f} degrees"
-    ]
-    if missing:
-        lines.append(f"{len(missing)} images are not there, the first is {missing[0]}")
-    found = [n for n in names if n not in missing]
-    if found and Path(found[0]).suffix.lower() in _IMAGES:
-        lines += [f"first image {found[0]}:", *(f"  {line}" for line in _image_facts(path.parent / found[0]))]
-    return lines
 
 
 class _Bar:

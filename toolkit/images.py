@@ -15,6 +15,8 @@ from intaglio.render.variant import mitsuba
 
 Array = np.ndarray
 
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+
 
 def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> Array:
     """Read an image as linear float32.

@@ -7,7 +7,7 @@ import warp as wp
 from scipy.sparse import csr_array
 
 from intaglio.kernels.launch import launch
-from intaglio.kernels.neighbourhoods import SHORTLIST, pick_by_rank, select_near_best
+from intaglio.kernels.selection import SHORTLIST, pick_by_rank, select_near_best
 from intaglio.kernels.surface_matching import NOT_VIABLE, surface_ssd_kernel
 from intaglio.relief.displacement_metric import choose_near_best
 from intaglio.relief.prepare import Ground

@@ -15,7 +15,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from intaglio.errors import InputError
-from intaglio.relief.base import Base, Cylinder, Plane, Sphere, perpendicular, unit
+from intaglio.relief.base import Base, Cylinder, Sphere, unit
+from intaglio.relief.layout import ConformalMap, constrained_delaunay, turn, untangle
 from intaglio.topology import adjacency, border_edges, edge_keys
 
 Array = np.ndarray
@@ -42,46 +43,6 @@ class Filling:
     points: Array
     faces: Array
     holes: int
-
-
-class ConformalMap:
-    """Base -> plane, angles kept. ``pole`` (a unit direction seen from the centre) is sent to infinity on a sphere."""
-
-    def __init__(self, base: Base, pole: Array | None = None, middle: float = 0.0) -> None:
-        self.base = base
-        self.middle = middle
-        if isinstance(base, Sphere):
-            self.pole = np.array([0.0, 0.0, 1.0]) if pole is None else unit(np.asarray(pole, np.float64))
-            self.e1 = perpendicular(self.pole)
-            self.e2 = np.cross(self.pole, self.e1)
-
-    def __call__(self, points: Array) -> Array:
-        """Return plane coordinates (N, 2), without unit."""
-        base = self.base
-        if isinstance(base, Plane):
-            return base.chart(points)
-        if isinstance(base, Cylinder):
-            arc = base.chart(points)
-            angle, height = arc[:, 0] / base.radius, (arc[:, 1] - self.middle) / base.radius
-            return np.exp(height)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        assert isinstance(base, Sphere)
-        d = unit(np.asarray(points, np.float64) - base.center)
-        w = np.maximum(1.0 - d @ self.pole, 1e-12)
-        return np.stack([d @ self.e1, d @ self.e2], axis=1) / w[:, None]
-
-    def inverse(self, xy: Array) -> Array:
-        """Return the base points (N, 3) at plane coordinates (N, 2)."""
-        base = self.base
-        if isinstance(base, Plane):
-            return base.from_chart(xy)
-        if isinstance(base, Cylinder):
-            radius = np.maximum(np.linalg.norm(xy, axis=1), 1e-300)
-            angle = np.arctan2(xy[:, 1], xy[:, 0])
-            return base.from_chart(np.stack([base.radius * angle, base.radius * np.log(radius) + self.middle], axis=1))
-        assert isinstance(base, Sphere)
-        square = (xy**2).sum(axis=1, keepdims=True)
-        direction = (2 * (xy @ np.stack([self.e1, self.e2])) + (square - 1) * self.pole) / (square + 1)
-        return base.center + base.radius * direction
 
 
 def fill_base(
@@ -133,7 +94,7 @@ def fill_base(
     clockwise = _is_clockwise(chart_of, feet, faces)
     if clockwise:
         edges = edges[:, ::-1]
-    _untangle(rim_xy, edges)
+    untangle(rim_xy, edges)
     fixed = _on_edges(feet[rim], edges, 0.5 * spacing)
     fixed_tree = cKDTree(fixed)
 
@@ -182,7 +143,7 @@ class _Region:
     def triangulate(self, targets: Array) -> tuple[Array, Array]:
         """Return the open region's triangles over rim and targets, and which targets they use."""
         xy = np.concatenate([self.rim_xy, self.chart_of(targets)]) if len(targets) else self.rim_xy
-        triangles, across = _constrained_delaunay(xy, self.edges)
+        triangles, across = constrained_delaunay(xy, self.edges)
         count = len(xy)
         directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
         keys = edge_keys(directed, count)
@@ -248,14 +209,9 @@ class _Region:
         if isinstance(self.base, Cylinder):
             # The annulus' inner disk is the world beyond the cylinder's lower end.
             a, b, c = (xy[triangles[:, i]] for i in range(3))
-            holds = (_turn(a, b) >= 0) & (_turn(b, c) >= 0) & (_turn(c, a) >= 0)
+            holds = (turn(a, b) >= 0) & (turn(b, c) >= 0) & (turn(c, a) >= 0)
             outer[np.unique(label[holds])] = True
         return outer
-
-
-def _turn(a: Array, b: Array) -> Array:
-    """Twice the signed area of (origin, a, b)."""
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _chart(base: Base, feet: Array, faces: Array, rim: Array) -> ConformalMap:
@@ -276,31 +232,8 @@ def _is_clockwise(chart_of: ConformalMap, feet: Array, faces: Array) -> bool:
     """Whether the scan's triangles run clockwise in the chart, by area; those across a pole or cut don't decide it."""
     xy = chart_of(feet)
     a, b, c = (xy[faces[:, i]] for i in range(3))
-    doubled = _turn(b - a, c - a)
+    doubled = turn(b - a, c - a)
     return bool(np.sign(doubled).sum() < 0)
-
-
-def _constrained_delaunay(xy: Array, edges: Array) -> tuple[Array, Array]:
-    """Return counter-clockwise triangles (T, 3) and, per edge k -> k + 1, the triangle across it or -1."""
-    import pythoncdt as cdt
-
-    mesh = cdt.Triangulation(cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0)
-    try:
-        mesh.insert_vertices(np.ascontiguousarray(xy, np.float64))
-        mesh.insert_edges(np.unique(np.sort(edges, axis=1), axis=0).astype(np.uintc))
-        mesh.erase_super_triangle()
-    except (RuntimeError, ValueError) as error:
-        raise InputError(
-            "the scan's border crosses or touches itself when laid out on its base: cut away what does not lie on the base, "
-            f"or choose another base ({str(error).splitlines()[0]})"
-        ) from error
-    triangles = np.asarray(mesh.triangles_array()["vertices"]).astype(np.int64)
-    count = len(xy)
-    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
-    keys, opposite = edge_keys(directed, count), edge_keys(directed[:, ::-1], count)
-    order = np.argsort(keys)
-    at = order[np.minimum(np.searchsorted(keys, opposite, sorter=order), len(keys) - 1)]
-    return triangles, np.where(keys[at] == opposite, at // 3, -1).reshape(-1, 3)
 
 
 def _on_edges(points: Array, edges: Array, step: float) -> Array:
@@ -377,55 +310,3 @@ def _circumcenter(corners: Array) -> Array:
     flat = square <= 1e-24 * lab * lac
     step = (lac * np.cross(n, ab) + lab * np.cross(ac, n)) / np.where(flat, 1.0, 2 * square)
     return np.where(flat, np.nan, a + step)
-
-
-def _untangle(xy: Array, edges: Array) -> None:
-    """Smooth the border's chart positions, in place, where noise makes it cross itself.
-
-    Only the layout is smoothed; the surface keeps its vertices. The places are single knots of a few edges where relief or
-    noise folds over the border; a border that still crosses afterwards is reported by the triangulation.
-    """
-    graph = coo_array((np.ones(2 * len(edges)), (edges.T.reshape(-1), edges[:, ::-1].T.reshape(-1)))).tocsr()
-    degree = np.maximum(np.diff(graph.indptr), 1)
-    for _ in range(100):
-        knots = _crossing(xy, edges)
-        if len(knots) == 0:
-            return
-        near = np.zeros(len(xy))
-        near[np.unique(edges[knots])] = 1
-        near = (near + graph @ near) > 0
-        centroid = (graph @ xy) / degree[:, None]
-        xy[near] += 0.5 * (centroid - xy)[near]
-
-
-def _crossing(xy: Array, edges: Array) -> Array:
-    """Return the border edges that cross another one (sharing a vertex is no crossing)."""
-    a, b = xy[edges[:, 0]], xy[edges[:, 1]]
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    order = np.argsort(low[:, 0])
-    last = np.searchsorted(low[order, 0], high[order, 0], side="right")
-    counts = np.maximum(last - np.arange(len(order)) - 1, 0)
-    bad: set[int] = set()
-    start = 0
-    while start < len(order):
-        # Pairs are taken in blocks of a bounded number, whatever the border's length.
-        stop = max(start + 1, int(np.searchsorted(np.cumsum(counts[start:]), 4_000_000)) + start)
-        i = np.repeat(np.arange(start, min(stop, len(order))), counts[start:stop])
-        begin = np.repeat(np.cumsum(counts[start:stop]) - counts[start:stop], counts[start:stop])
-        j = i + 1 + np.arange(len(i)) - begin
-        p, q = order[i], order[j]
-        overlap = (low[p, 1] <= high[q, 1]) & (low[q, 1] <= high[p, 1])
-        p, q = p[overlap], q[overlap]
-        shared = (edges[p][:, :, None] == edges[q][:, None, :]).any(axis=(1, 2))
-        p, q = p[~shared], q[~shared]
-        d1, d2 = _side(a[p], b[p], a[q]), _side(a[p], b[p], b[q])
-        d3, d4 = _side(a[q], b[q], a[p]), _side(a[q], b[q], b[p])
-        hit = (d1 * d2 <= 0) & (d3 * d4 <= 0)
-        bad.update(p[hit].tolist())
-        bad.update(q[hit].tolist())
-        start = stop
-    return np.array(sorted(bad), int)
-
-
-def _side(a: Array, b: Array, c: Array) -> Array:
-    return np.sign(_turn(b - a, c - a))

@@ -1,0 +1,164 @@
+"""Selection of matches from a table of costs: a short list near the best, or one by rank."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from intaglio.kernels.launch import launch
+
+wp.set_module_options({"enable_backward": False})
+
+SHORTLIST = 256
+# Costs from here on belong to candidates that lack something: far above any real one on heights of unit variance.
+VIABLE = 1.0e6
+_VIABLE = wp.constant(VIABLE)
+_BLOCK = wp.constant(256)
+_MIX_1 = wp.constant(wp.uint32(0x85EBCA6B))
+_MIX_2 = wp.constant(wp.uint32(0xC2B2AE35))
+
+
+@wp.kernel
+def block_minimum_kernel(
+    start: int,
+    cost: wp.array2d(dtype=float),
+    # output
+    lowest: wp.array2d(dtype=float),
+):
+    """Least cost of every block of 256 candidates of a target."""
+    i, b = wp.tid()
+    t = start + i
+    m = float(3.0e38)
+    for j in range(b * _BLOCK, wp.min((b + 1) * _BLOCK, cost.shape[1])):
+        m = wp.min(m, cost[t, j])
+    lowest[t, b] = m
+
+
+@wp.func
+def thinning_hash(c: int) -> wp.uint32:
+    """Well mixed bits of a candidate index (murmur3's finaliser)."""
+    h = wp.uint32(c)
+    h = (h ^ (h >> wp.uint32(16))) * _MIX_1
+    h = (h ^ (h >> wp.uint32(13))) * _MIX_2
+    return h ^ (h >> wp.uint32(16))
+
+
+@wp.kernel
+def shortlist_kernel(
+    start: int,
+    cost: wp.array2d(dtype=float),
+    lowest: wp.array2d(dtype=float),
+    factor: float,
+    slack: wp.array(dtype=float),
+    stride: int,
+    samples: int,
+    # output
+    shortlist: wp.array2d(dtype=wp.int32),
+    count: wp.array(dtype=wp.int32),
+):
+    """List the candidates within ``factor`` of a target's least cost (plus the rounding slack), in index order.
+
+    Column ``q * stride + s`` of ``cost`` is candidate ``q * samples + s``. Where more qualify than the list holds, only those
+    within the slack of the least are taken, and if these are still too many they are thinned by a hash of their index, the
+    least one kept.
+    """
+    t = start + wp.tid()
+    m = float(3.0e38)
+    for b in range(lowest.shape[1]):
+        m = wp.min(m, lowest[t, b])
+    limit = wp.max(m, 0.0) * factor + slack[t]
+    n = int(0)
+    if m < _VIABLE:
+        keep = wp.uint32(0)
+        room = shortlist.shape[1]
+        again = int(1)
+        tightened = int(0)
+        while again == 1:
+            n = int(0)
+            kept_least = int(0)
+            for b in range(lowest.shape[1]):
+                if lowest[t, b] <= limit and n <= room:
+                    for j in range(b * _BLOCK, wp.min((b + 1) * _BLOCK, cost.shape[1])):
+                        if cost[t, j] <= limit:
+                            c = (j / stride) * samples + j % stride
+                            wanted = (thinning_hash(c) & keep) == wp.uint32(0)
+                            if cost[t, j] == m and kept_least == 0:
+                                wanted = True
+                                kept_least = int(1)
+                            if wanted:
+                                if n < room:
+                                    shortlist[t, n] = c
+                                n = n + 1
+            again = int(0)
+            if n > room:
+                again = int(1)
+                if tightened == 0:
+                    tightened = int(1)
+                    limit = wp.max(m, 0.0) + slack[t]
+                else:
+                    keep = keep * wp.uint32(2) + wp.uint32(1)
+    count[t] = n
+
+
+def select_near_best(
+    cost: wp.array,
+    slack: np.ndarray,
+    factor: float,
+    shortlist: np.ndarray,
+    listed: np.ndarray,
+    *,
+    split: bool,
+    stride: int,
+    samples: int,
+) -> None:
+    """Write the candidates within ``factor`` of the least of ``cost`` (T, C), plus ``slack`` (T,), to a short list.
+
+    Parameters
+    ----------
+    cost : (T, C) wp.array
+    slack : (T,) float32 array
+        What rounding may hide.
+    factor : float
+    shortlist : (T, L) int32 array
+        Filled in place, in index order.
+    listed : (T,) int32 array
+        Filled in place: how many are listed, 0 where the least cost is not viable.
+    split : bool
+        Split the launch over threads; False within a worker thread.
+    stride, samples : int
+        Columns per rotation of ``cost``, and how many of them are samples; equal where nothing is padded.
+    """
+    device = str(cost.device)
+    on_cpu = device.startswith("cpu")
+    count, candidates = cost.shape
+    lowest = wp.empty((count, -(-candidates // int(_BLOCK))), dtype=float, device=device)
+    if on_cpu:
+        out, number = (wp.array(a, dtype=wp.int32, device=device, copy=False) for a in (shortlist, listed))
+    else:
+        out, number = (wp.empty(a.shape, dtype=wp.int32, device=device) for a in (shortlist, listed))
+    slack_there = wp.array(slack, dtype=float, device=device)
+
+    def go(kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[object], outputs: list[object]) -> None:
+        if split:
+            launch(kernel, dim, inputs=inputs, outputs=outputs, device=device, grain=1)
+        else:
+            wp.launch(kernel, dim=dim, inputs=[0, *inputs], outputs=outputs, device=device, record_tape=False)
+
+    go(block_minimum_kernel, lowest.shape, [cost], [lowest])
+    go(shortlist_kernel, (count,), [cost, lowest, float(factor), slack_there, stride, samples], [out, number])
+    if not on_cpu:
+        shortlist[:] = out.numpy()
+        listed[:] = number.numpy()
+
+
+def pick_by_rank(cost: np.ndarray, share: float, pick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return, per row of ``cost`` (T, C), candidate number ``pick`` (in [0, 1)) of the best ``share``; and 1, or 0 for none."""
+    chosen = np.zeros((len(cost), 1), np.int32)
+    listed = np.zeros(len(cost), np.int32)
+    for t, row in enumerate(cost):
+        viable = int((row < VIABLE).sum())
+        if viable:
+            rank = int(pick[t] * max(1, np.ceil(share * viable)))
+            chosen[t, 0] = np.argpartition(row, rank)[rank]
+            listed[t] = 1
+    return chosen, listed

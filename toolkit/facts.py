@@ -1,0 +1,95 @@
+"""What `intaglio info` says of the machine, of meshes, images and stacks."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from intaglio.devices import device_or_error
+from intaglio.errors import IntaglioError
+from intaglio.images import IMAGE_SUFFIXES, read_image
+from intaglio.kernels.launch import threads
+from intaglio.light_positions import read_light_positions
+from intaglio.mesh_reading import read_surface
+from intaglio.relief.extent import sampling_distance
+from intaglio.relief.fit import fit_base
+from intaglio.render.variant import variant
+from intaglio.topology import border_loops, pieces, used_vertices
+
+
+def system_facts(asked: str | None) -> list[str]:
+    """Return versions, devices, threads and the renderer's variant with the reason for it."""
+    packages = ("warp-lang", "mitsuba", "numpy", "scipy", "trimesh", "OpenEXR")
+    chosen = variant()
+    device = device_or_error(asked)
+    return [
+        f"intaglio {version('intaglio')}, Python {platform.python_version()} on {platform.platform()}",
+        ", ".join(f"{p} {version(p)}" for p in packages),
+        f"devices: {', '.join(str(d) for d in wp.get_devices())}; in use {device}; {threads()} CPU threads",
+        f"renderer: {chosen.name} ({chosen.reason})",
+    ]
+
+
+def mesh_facts(path: Path, repair: bool) -> list[str]:
+    """Return size, bounds, provenance, pieces, borders, sampling and best base of a mesh file."""
+    surface = read_surface(path, repair=repair)
+    used = used_vertices(surface.faces, len(surface.vertices))
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    lines = [
+        f"{len(surface.vertices)} vertices ({int((~used).sum())} in no face), {len(surface.faces)} faces",
+        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}",
+        f"colour per vertex: {'yes' if surface.color is not None else 'no'}",
+    ]
+    if not surface.measured.all():
+        lines.append(f"provenance: {int(surface.measured.sum())} measured, {int((~surface.measured).sum())} filled vertices")
+    if len(surface.faces):
+        _, label = pieces(surface.faces, len(surface.vertices))
+        loops = border_loops(surface.faces)
+        sizes = ", ".join(str(len(loop)) for loop in loops[:8]) + (", …" if len(loops) > 8 else "")
+        lines.append(f"{len(np.unique(label[used]))} pieces; {len(loops)} border loops" + (f" of {sizes} edges" if loops else ""))
+        lines.append(sampling_distance(surface.vertices, surface.faces)[1])
+    if surface.model is not None:
+        lines.append(f"base: {surface.model.describe()}")
+    else:
+        try:
+            fitted = fit_base(surface.vertices[used])
+            lines += [f"best base: {fitted.describe()}", f"  {fitted.fit.note}" if fitted.fit else ""]
+        except IntaglioError as error:
+            lines.append(f"best base: none ({error})")
+    return [*lines, *surface.notes]
+
+
+def image_facts(path: Path) -> list[str]:
+    """Return size and range of an image file's linear values."""
+    image = read_image(path)
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    lines = [f"{image.shape[1]} x {image.shape[0]} pixels, {channels} channel{'s' if channels > 1 else ''} (linear values below)"]
+    for c in range(channels):
+        plane = image if image.ndim == 2 else image[:, :, c]
+        lines.append(
+            f"channel {c}: least {plane.min():.5g}, mean {plane.mean():.5g}, most {plane.max():.5g}; "
+            f"{np.mean(plane >= 1):.2%} at or over 1, {np.mean(plane <= 0):.2%} at or under 0"
+        )
+    return lines
+
+
+def stack_facts(path: Path) -> list[str]:
+    """Return the lights of an .lp file, what is missing, and the facts of its first image."""
+    names, lights = read_light_positions(path)
+    missing = [n for n in names if not (path.parent / n).exists()]
+    slant = np.degrees(np.arccos(np.clip(lights[:, 2], -1, 1)))
+    tilt = np.degrees(np.arctan2(lights[:, 1], lights[:, 0])) % 360
+    lines = [
+        f"stack of {len(names)} images; light slant {slant.min():.1f} to {slant.max():.1f} degrees, "
+        f"tilt {tilt.min():.1f} to {tilt.max():.1f} degrees"
+    ]
+    if missing:
+        lines.append(f"{len(missing)} images are not there, the first is {missing[0]}")
+    found = [n for n in names if n not in missing]
+    if found and Path(found[0]).suffix.lower() in IMAGE_SUFFIXES:
+        lines += [f"first image {found[0]}:", *(f"  {line}" for line in image_facts(path.parent / found[0]))]
+    return lines
