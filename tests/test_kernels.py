@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -174,3 +176,21 @@ def test_random_numbers_depend_on_their_keys_alone():
     assert 0 <= a.min() < a.max() < 1
     # Kolmogorov-Smirnov against the uniform distribution at 1 in 1e4: 1.95 / sqrt(n).
     assert np.abs(np.sort(a) - (np.arange(len(a)) + 0.5) / len(a)).max() < 2.2 / np.sqrt(len(a))
+
+
+@pytest.mark.skipif(not wp.is_cuda_available() and wp.get_cuda_toolkit_version() is None, reason="this Warp has no CUDA compiler")
+def test_every_kernel_compiles_for_cuda(tmp_path):
+    """One source for CPU and CUDA: the CUDA compiler that comes with Warp needs no GPU."""
+    script = tmp_path / "compile.py"
+    script.write_text(
+        "import importlib, pkgutil, sys, warp as wp, intaglio.kernels as kernels\n"
+        "for found in pkgutil.iter_modules(kernels.__path__):\n"
+        "    module = importlib.import_module(f'intaglio.kernels.{found.name}')\n"
+        "    if found.name != 'launch':\n"
+        "        wp.compile_aot_module(module, arch=80, module_dir=sys.argv[1])\n"
+    )
+    made = tmp_path / "made"
+    made.mkdir()
+    done = subprocess.run([sys.executable, str(script), str(made)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert len(list(made.glob("*.cubin")) + list(made.glob("*.ptx"))) == 4
