@@ -261,6 +261,12 @@ def test_arguments_of_the_wrong_type(name, value):
         intaglio.complete_relief(Surface(vertices=vertices, faces=faces), **settings)
 
 
+def test_an_extent_off_the_scan():
+    vertices, faces = square()
+    with pytest.raises(InputError, match="not joined to the scan"):
+        intaglio.complete_relief(Surface(vertices=vertices, faces=faces), "plane", window=2, extent=(100, 110, 100, 110))
+
+
 def test_a_thin_but_endless_extent():
     vertices, faces = square()
     with pytest.raises(InputError, match="smaller extent"):

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -124,18 +121,27 @@ def test_an_output_that_cannot_be_written_is_found_before_the_work(monkeypatch, 
 
 
 def test_interrupted_work_leaves_no_file(cap, tmp_path):
-    cap.write(tmp_path / "cap.ply")
-    command = [sys.executable, "-m", "intaglio.cli", "complete", "cap.ply", "-o", "out.ply", "--base", "sphere"]
-    # Enough work that the signal finds it busy.
-    command += ["--rotations", "36", "--spacing", "0.15", "--window", "9"]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, env={**os.environ})
-    time.sleep(6)
-    assert process.poll() is None
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
-    assert "interrupted" in err
-    assert [p.name for p in tmp_path.iterdir()] == ["cap.ply"]
+    work = tmp_path / "work"
+    work.mkdir()
+    cap.write(work / "cap.ply")
+    script = tmp_path / "interrupt.py"
+    # The real command, with Ctrl-C pressed once growth is under way.
+    script.write_text(
+        "import os, signal, sys\n"
+        "import intaglio.cli as cli\n"
+        "shown = cli._Bar.update\n"
+        "def update(self, done, total):\n"
+        "    shown(self, done, total)\n"
+        "    if 0 < done < total:\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "cli._Bar.update = update\n"
+        "sys.argv = ['intaglio', 'complete', 'cap.ply', '-o', 'out.ply', '--base', 'sphere', '--window', '3']\n"
+        "cli.main()\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], cwd=work, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 130, done.stderr
+    assert "interrupted" in done.stderr
+    assert [p.name for p in work.iterdir()] == ["cap.ply"]
 
 
 def test_info_of_a_stack(monkeypatch, capsys, tmp_path):

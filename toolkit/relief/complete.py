@@ -134,49 +134,29 @@ def complete_relief(
     >>> scan = intaglio.read_surface("golfball.ply")  # doctest: +SKIP
     >>> whole = intaglio.complete_relief(scan, base="sphere", rotations=24, seed=1)  # doctest: +SKIP
     """
-    if not isinstance(surface, Surface):
-        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
-    if progress is not None and not callable(progress):
-        raise InputError(f"progress must be callable, not {type(progress).__name__}")
-    made_up = int((~surface.measured).sum())
-    if made_up:
-        raise InputError(
-            f"the surface holds {made_up} vertices that were filled, not measured: they can't serve as measurements; "
-            "complete the scan itself, or surface.part(surface.measured)"
-        )
+    _check_surface(surface)
     window = DEFAULT_WINDOW if window is None else _whole(window, "window", 1, 64)
     rotations = _whole(rotations, "rotations", 0, 720) or 1
     refine = _whole(refine, "refine", 0, 100)
     seed = checked_seed(seed)
-    _one_of(metric, "metric", ("displacement", "surface"))
-    _one_of(order, "order", ("wave", "sequential"))
-    _one_of(selection, "selection", ("near-best", "best-percent"))
-    _one_of(search, "search", ("auto", "exhaustive"))
-    _one_of(engine, "engine", ("auto", "blas", "warp"))
-    if frames is not None:
-        _one_of(frames, "frames", FRAMES)
-    if levels != 1:
-        raise InputError(f"levels={levels!r}: relief is completed at one scale only; leave levels at 1")
-    if color_weight is not None:
-        raise InputError("color_weight: matching goes by shape alone; leave it None (colours are carried along)")
-    if refine and metric == "surface":
-        raise InputError("refine works with metric='displacement'; set refine=0 or change the metric")
-    if refine and bootstrap:
-        raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
-    factor, eta = number(factor, "factor"), number(eta, "eta")
-    if factor < 1:
-        raise InputError(f"factor must be at least 1, not {factor!r}")
-    if not 0 < eta <= 100:
-        raise InputError(f"eta is a percentage in (0, 100], not {eta!r}")
+    for name, value, known in (
+        ("metric", metric, ("displacement", "surface")),
+        ("order", order, ("wave", "sequential")),
+        ("search", search, ("auto", "exhaustive")),
+        ("engine", engine, ("auto", "blas", "warp")),
+        ("frames", frames, (None, *FRAMES)),
+    ):
+        if not (value is None or isinstance(value, str)) or value not in known:
+            raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
+    if progress is not None and not callable(progress):
+        raise InputError(f"progress must be callable, not {type(progress).__name__}")
+    _check_combination(levels, color_weight, refine, metric, bootstrap)
     chosen_device = device_or_error(device)
     if engine == "blas" and not chosen_device.startswith("cpu"):
         raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
     ground = prepare_ground(surface, base, spacing=spacing, extent=extent, frames=frames, reference=reference)
     relief = ground.height[ground.measured]
-    if error is None:
-        error = max(0.5 * float(relief.var()), 1e-12 * ground.spacing**2)
-    elif number(error, "error") <= 0:
-        raise InputError(f"error must be a positive number, in squared input units, not {error!r}")
+    rule = _selection(selection, factor, eta, error, relief, ground.spacing)
     if oversample is None:
         oversample = not ground.regular and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
     samples = sample_set(ground, oversample)
@@ -186,7 +166,6 @@ def complete_relief(
         matcher = DisplacementMetric(ground, samples, window, rotations, chosen_device, engine)
     else:
         matcher = SurfaceMetric(ground, samples, window, rotations, chosen_device)
-    rule = Selection(selection, float(factor), float(eta), float(error))
     # A refinement pass counts as much as growth: every vertex is matched once in each.
     shares = 1 + refine
 
@@ -204,7 +183,7 @@ def complete_relief(
     settings: tuple[str, ...] = (
         f"window {window} (reach {window * ground.spacing:.6g}), rotations {rotations}, metric {metric}, order {order}, "
         f"{len(samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
-        f"grown in {growth.waves} lists; error bound {error:.6g} at first, {growth.threshold:.6g} at last; "
+        f"grown in {growth.waves} lists; error bound {rule.error:.6g} at first, {growth.threshold:.6g} at last; "
         f"{growth.shrunk} windows shrunk" + (f"; {passes} refinement passes" if passes else ""),
     )
     if growth.orphans:
@@ -229,11 +208,6 @@ def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Sur
     vertices = ground.vertices.copy()
     filled = state.textured & ~ground.measured
     vertices[filled] = ground.foot[filled] + state.height[filled, None] * ground.normal[filled]
-    if not filled[~ground.measured].all():
-        raise InputError(
-            "part of what is to be completed is not joined to the scan, so no relief can grow there: choose an extent that "
-            "touches the scan, or cut spikes off the scan's border"
-        )
     return Surface(
         vertices=vertices,
         faces=ground.faces,
@@ -249,9 +223,43 @@ def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Sur
     )
 
 
-def _one_of(value: str, name: str, known: Sequence[str]) -> None:
-    if value not in known:
-        raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
+def _check_surface(surface: Surface) -> None:
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    made_up = int((~surface.measured).sum())
+    if made_up:
+        raise InputError(
+            f"the surface holds {made_up} vertices that were filled, not measured: they can't serve as measurements; "
+            "complete the scan itself, or surface.part(surface.measured)"
+        )
+
+
+def _check_combination(levels: int, color_weight: float | None, refine: int, metric: str, bootstrap: bool) -> None:
+    """Refuse what can't be had, or not together."""
+    if levels != 1:
+        raise InputError(f"levels={levels!r}: relief is completed at one scale only; leave levels at 1")
+    if color_weight is not None:
+        raise InputError("color_weight: matching goes by shape alone; leave it None (colours are carried along)")
+    if refine and metric == "surface":
+        raise InputError("refine works with metric='displacement'; set refine=0 or change the metric")
+    if refine and bootstrap:
+        raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
+
+
+def _selection(rule: str, factor: float, eta: float, error: float | None, relief: Array, spacing: float) -> Selection:
+    """How matches are chosen; the default error bound is half the variance of the measured relief."""
+    if rule not in ("near-best", "best-percent"):
+        raise InputError(f"selection must be 'near-best' or 'best-percent', not {rule!r}")
+    factor, eta = number(factor, "factor"), number(eta, "eta")
+    if factor < 1:
+        raise InputError(f"factor must be at least 1, not {factor!r}")
+    if not 0 < eta <= 100:
+        raise InputError(f"eta is a percentage in (0, 100], not {eta!r}")
+    if error is None:
+        error = max(0.5 * float(relief.var()), 1e-12 * spacing**2)
+    elif number(error, "error") <= 0:
+        raise InputError(f"error must be a positive number, in squared input units, not {error!r}")
+    return Selection(rule, factor, eta, float(error))
 
 
 def _whole(value: int, name: str, least: int, most: int) -> int:

@@ -137,6 +137,7 @@ def prepare_ground(
     all_faces = np.concatenate([faces, filling.faces]).astype(np.int32)
     all_normal = np.concatenate([normal, target_normal])
     all_foot = np.concatenate([foot, target_foot])
+    _check_joined(all_faces, count, len(vertices))
     measured = np.arange(count) < len(vertices)
     center = vertices.mean(axis=0)
     seed_vertex = int(np.argmin(((vertices - center) ** 2).sum(axis=1)))
@@ -241,6 +242,18 @@ def _pieces_on_base(base: Base, vertices: Array, faces: Array) -> tuple[Array, A
         )
     renumber = np.cumsum(taken) - 1
     return taken, renumber[faces[taken[faces].all(axis=1)]].astype(np.int32), note
+
+
+def _check_joined(faces: Array, count: int, scanned: int) -> None:
+    """Raise `InputError` where a piece of the triangulation holds no scanned vertex: no relief could grow there."""
+    number_of_pieces, label = pieces(faces, count)
+    reached = np.zeros(number_of_pieces, bool)
+    reached[label[:scanned]] = True
+    if not reached.all():
+        raise InputError(
+            "part of what is to be completed is not joined to the scan, so no relief can grow there: choose an extent that "
+            "touches the scan, or cut spikes off the scan's border"
+        )
 
 
 def number(value: float, name: str) -> float:

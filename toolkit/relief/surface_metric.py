@@ -39,7 +39,6 @@ class SurfaceMetric:
         self.samples = samples
         self.device = device
         self._ground = ground
-        self._window = window
         self._center = ground.foot.mean(axis=0)
         self._rotations = rotations
         angle = 2 * np.pi * np.arange(rotations) / rotations
