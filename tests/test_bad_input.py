@@ -156,6 +156,8 @@ def test_more_than_two_faces_at_an_edge():
         ("error", -1.0, "error"), ("error", float("nan"), "error"), ("spacing", 0.0, "spacing"),
         ("spacing", 1e-9, "larger spacing"),
         ("metric", "cubic", "metric"), ("order", "random", "order"), ("extent", "half", "extent"),
+        ("spacing", 1e300, "smaller spacing"),
+        ("spacing", 1e-300, "larger spacing"),
         ("extent", (3, 1, 0, 1), "low"),
         ("extent", (1, 2), "4 finite"), ("base", "cone", "cone"), ("device", "cuda:99", "available"), ("levels", 2, "levels"),
         ("color_weight", 0.5, "color_weight"), ("frames", "spiral", "frames"), ("engine", "fpga", "engine"),

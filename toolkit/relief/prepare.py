@@ -118,6 +118,10 @@ def prepare_ground(
         spacing = number(spacing, "spacing")
         if spacing <= 0:
             raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
+        size = float(np.linalg.norm(np.ptp(foot, axis=0)))
+        if not 1e-6 * size <= spacing <= size:
+            wanted = "smaller" if spacing > size else "larger"
+            raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
         note = f"spacing {spacing:.6g}: as given"
     notes.append(note)
     region = region_to_complete(chosen, foot, faces, spacing, extent, own_spacing)
