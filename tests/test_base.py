@@ -156,7 +156,7 @@ def test_the_inside_of_a_bowl_faces_inwards():
     assert face_the_scan(base, points, faces[:, ::-1]).inward
 
 
-@pytest.mark.parametrize("radius", [0.0, -1.0, np.nan])
+@pytest.mark.parametrize("radius", [0.0, -1.0, np.nan, "wide", None])
 def test_a_radius_is_positive(radius):
     with pytest.raises(intaglio.InputError, match="radius"):
         Sphere(center=np.zeros(3), radius=radius)

@@ -174,8 +174,11 @@ def test_a_point_cloud_is_triangulated_in_its_view(tmp_path):
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normal @ direction < 0).all()
     assert len(scan.vertices) > 780
-    with pytest.raises(InputError, match="direction"):
-        intaglio.surface_from_points(points, (0, 0, 0))
+    for direction in ((0, 0, 0), (1, 0), "down"):
+        with pytest.raises(InputError, match="direction"):
+            intaglio.surface_from_points(points, direction)
+    with pytest.raises(InputError, match="view"):
+        intaglio.surface_from_range_image(points.reshape(20, 40, 3), view=(1, 2))
 
 
 def test_part_renumbers_and_keeps_provenance():

@@ -172,7 +172,10 @@ def surface_from_range_image(
     InputError
         If points have the wrong shape or no triangle can be made.
     """
-    points = np.asarray(points, np.float64)
+    points = _numeric(points, "points", np.float64)
+    stood = _numeric(view, "view", np.float64)
+    if stood.shape != (3,):
+        raise InputError(f"view must be three numbers, not {view!r}")
     if points.ndim != 3 or points.shape[2] != 3:
         raise InputError(f"a range image must have shape (H, W, 3), not {points.shape}")
     valid = np.isfinite(points).all(axis=2)
@@ -185,7 +188,7 @@ def surface_from_range_image(
         raise InputError("the range image has no three neighbouring points: no triangle can be made")
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sight = np.asarray(view, np.float64) - corners.mean(axis=1)
+    sight = stood - corners.mean(axis=1)
     facing = np.einsum("ij,ij->i", normal, sight)
     size = np.linalg.norm(normal, axis=1) * np.linalg.norm(sight, axis=1)
     seen = np.abs(facing) > np.cos(np.radians(steepest)) * size
@@ -227,9 +230,11 @@ def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | N
     from scipy.spatial import Delaunay, QhullError
 
     points = _rows(points, "points", np.float64)
-    sight = np.asarray(direction, np.float64).reshape(-1)
+    sight = _numeric(direction, "direction", np.float64).reshape(-1)
     if sight.shape != (3,) or not np.isfinite(sight).all() or not sight.any():
         raise InputError(f"direction must be three finite numbers, not all zero; it is {direction!r}")
+    if not longest > 0:
+        raise InputError(f"longest must be a positive number of median edges, not {longest!r}")
     if len(points) < 3:
         raise InputError(f"{len(points)} points make no triangle; at least 3 are needed")
     towards = -sight / np.linalg.norm(sight)

@@ -271,7 +271,10 @@ def face_the_scan(base: Base, points: Array, faces: Array) -> Base:
 
 
 def _vector(value: Array, name: str, unit_length: bool = False) -> Array:
-    vector = np.asarray(value, np.float64).reshape(-1)
+    try:
+        vector = np.asarray(value, np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        vector = np.zeros(0)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{name} must be three finite numbers, not {value!r}")
     if unit_length:
@@ -283,7 +286,10 @@ def _vector(value: Array, name: str, unit_length: bool = False) -> Array:
 
 
 def _radius(value: float) -> float:
-    radius = float(value)
+    try:
+        radius = float(value)
+    except (TypeError, ValueError):
+        radius = float("nan")
     if not (np.isfinite(radius) and radius > 0):
         raise InputError(f"radius must be a positive length, not {value!r}")
     return radius
