@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,10 @@ import numpy as np
 
 from intaglio.images import write_image
 from intaglio.kernels.launch import start_quietly
-from intaglio.relief.assess import ReliefReport
+from intaglio.progress import ProgressBar
+from intaglio.relief.assess import ReliefReport, assess_relief
 from intaglio.relief.complete import complete_relief
-from intaglio.relief.pictures import clay_pictures, fixed_cameras, viewpoints
-from intaglio.relief.report import write_relief_report
+from intaglio.relief.report import COMPLETED, SCAN, TRUTH, relief_pictures, write_relief_report
 from intaglio.surface import Surface
 
 Array = np.ndarray
@@ -62,21 +61,6 @@ def options(description: str) -> argparse.Namespace:
     return args
 
 
-def progress_bar(label: str) -> tuple[Callable[[int, int], None], Callable[[], None]]:
-    """Return a progress callback and a function that closes the bar; silent where stderr is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total} vertices"),
-        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal,
-    )  # fmt: skip
-    task = bar.add_task(label, total=None)
-    bar.start()
-    return (lambda done, total: bar.update(task, completed=done, total=total)), bar.stop
-
-
 def run_scene(
     name: str,
     title: str,
@@ -89,36 +73,32 @@ def run_scene(
 ) -> Result:
     """Complete ``scan``, measure, render before, after and truth, and write mesh, picture and report."""
     print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
-    update, close = progress_bar("growing relief")
     start = time.perf_counter()
-    try:
-        whole = complete_relief(scan, seed=args.seed, device=args.device, progress=update, **settings)
-    finally:
-        close()
+    with ProgressBar("growing relief") as bar:
+        whole = complete_relief(scan, seed=args.seed, device=args.device, progress=bar.update, **settings)
     seconds = time.perf_counter() - start
     for note in whole.notes:
         print(f"  {note}")
     mesh, page, sheet = (args.output / f"{name}{suffix}" for suffix in (".ply", ".html", ".png"))
     whole.write(mesh)
     print("rendering …")
-    report = write_relief_report(
-        whole, page, truth=truth, scan=scan, title=title, extra=(f"completed in {seconds:.2f} s", *extra)
-    )
-    write_image(contact_sheet([scan, whole, *([truth] if truth is not None else [])], whole), sheet)
+    report = assess_relief(whole, truth, device=args.device)
+    pictures = relief_pictures(whole, report, scan=scan, truth=truth)
+    timed = (f"completed in {seconds:.2f} s", *extra)
+    write_relief_report(whole, page, report=report, pictures=pictures, title=title, extra=timed)
+    write_image(contact_sheet(pictures), sheet)
     for line in report.lines():
         print(f"  {line}")
-    print(f"  completed in {seconds:.2f} s")
-    for line in extra:
+    for line in timed:
         print(f"  {line}")
     print(f"wrote {mesh}, {sheet} and {page}")
     return Result(scan, whole, report, seconds, sheet, page)
 
 
-def contact_sheet(surfaces: list[Surface], whole: Surface, size: int = 480) -> Array:
-    """Return one picture: a row for each surface (scan, completion, truth), a column for each of the whole's viewpoints."""
-    cameras = fixed_cameras(whole, viewpoints(whole))
-    rows = [np.concatenate(clay_pictures(s, cameras, size=(size, size)), axis=1) for s in surfaces]
-    return np.concatenate(rows, axis=0)
+def contact_sheet(pictures: dict[str, list[Array]]) -> Array:
+    """Return one picture: a row each for scan, completion and truth (where known), a column for each viewpoint."""
+    rows = [pictures[heading] for heading in (SCAN, COMPLETED, TRUTH) if heading in pictures]
+    return np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0)
 
 
 def cut_out(surface: Surface, center: Array, radius: float) -> Surface:

@@ -129,12 +129,12 @@ def test_interrupted_work_leaves_no_file(cap, tmp_path):
     script.write_text(
         "import os, signal, sys\n"
         "import intaglio.cli as cli\n"
-        "shown = cli._Bar.update\n"
+        "shown = cli.ProgressBar.update\n"
         "def update(self, done, total):\n"
         "    shown(self, done, total)\n"
         "    if 0 < done < total:\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"
-        "cli._Bar.update = update\n"
+        "cli.ProgressBar.update = update\n"
         "sys.argv = ['intaglio', 'complete', 'cap.ply', '-o', 'out.ply', '--base', 'sphere', '--window', '3']\n"
         "cli.main()\n"
     )

@@ -20,6 +20,7 @@ from intaglio.files import check_readable, check_writable
 from intaglio.images import IMAGE_SUFFIXES
 from intaglio.kernels.launch import start_quietly
 from intaglio.mesh_writing import WRITABLE
+from intaglio.progress import ProgressBar
 
 Array = np.ndarray
 
@@ -118,7 +119,7 @@ def complete(
         settings["refine"] = _unless_given("refine", 0, settings["refine"])
     start = time.perf_counter()
     try:
-        with _Bar("completing") as bar:
+        with ProgressBar("completing") as bar:
             whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
     except (InputError, intaglio.FitError) as error:
         raise type(error)(f"{scan}: {error}") from error
@@ -255,35 +256,6 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
-
-
-class _Bar:
-    """A progress bar on stderr, shown on a terminal once the work has taken a second."""
-
-    def __init__(self, label: str) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._bar.add_task(label, total=None)
-        self._start = time.perf_counter()
-        self._shown = False
-
-    def __enter__(self) -> _Bar:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._shown:
-            self._bar.stop()
-
-    def update(self, done: int, total: int) -> None:
-        """Show ``done`` of ``total``."""
-        if not self._shown and time.perf_counter() - self._start > 1.0:
-            self._bar.start()
-            self._shown = True
-        self._bar.update(self._task, completed=done, total=total)
 
 
 def _unless_given(name: str, fallback: int, value: int) -> int:

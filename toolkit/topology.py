@@ -88,6 +88,13 @@ class Topology:
     incident: Array
     across: Array
 
+    @property
+    def graph(self) -> csr_array:
+        """The symmetric vertex adjacency as a sparse matrix of ones."""
+        count = len(self.offsets) - 1
+        ones = np.ones(len(self.neighbours), np.float32)
+        return csr_array((ones, self.neighbours, self.offsets), shape=(count, count))
+
     @classmethod
     def of(cls, faces: Array, count: int) -> Topology:
         """Build the tables for ``faces`` (F, 3) over ``count`` vertices."""

@@ -6,6 +6,7 @@ centre; a plane's normal is as given. A surface seen from inside (a bowl) has ne
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
@@ -64,7 +65,7 @@ class BaseFit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Base:
+class Base(ABC):
     """A smooth base shape; use `Plane`, `Cylinder` or `Sphere`.
 
     Attributes
@@ -81,6 +82,7 @@ class Base:
     inward: bool = False
     fit: BaseFit | None = None
 
+    @abstractmethod
     def foot(self, points: Array) -> tuple[Array, Array]:
         """Return the nearest points on the base and the base's unit normals there.
 
@@ -94,7 +96,6 @@ class Base:
         foot : (N, 3) float64 array
         normal : (N, 3) float64 array
         """
-        raise NotImplementedError(f"{type(self).__name__} gives no foot points")
 
     def distance(self, points: Array) -> Array:
         """Return signed distances (N,) along the base normal, in the input's unit."""
@@ -111,14 +112,14 @@ class Base:
         return -1.0 if self.inward else 1.0
 
     @property
+    @abstractmethod
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
         """Kind (0 plane, 1 cylinder, 2 sphere), origin, axis, radius, as the kernels' exponential map takes them."""
-        raise NotImplementedError(f"{type(self).__name__} has no kernel parameters")
 
     @property
+    @abstractmethod
     def parameters(self) -> dict[str, object]:
         """The model's parameters by name; lengths are in the input's unit."""
-        raise NotImplementedError(f"{type(self).__name__} has no parameters")
 
     def describe(self, unit_name: str = "units") -> str:
         """Return one line with the parameters and, where it was fitted, the residual."""

@@ -9,7 +9,7 @@ from intaglio.errors import InputError
 from intaglio.kernels.location import GridLocator, polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
 from intaglio.relief.prepare import Ground
-from intaglio.relief.propagate import Picks, Selection, State
+from intaglio.relief.propagate import Picks, Selection, State, choose_near_best
 from intaglio.relief.samples import Samples, filled_sample_set
 
 Array = np.ndarray
@@ -152,8 +152,8 @@ class DisplacementMetric:
         self.samples = samples
         if not known.numpy()[:, self._ring <= 1].all(axis=1).any():
             raise InputError(
-                f"fewer samples than the smallest window needs: none of {len(samples.vertex)} samples has a full ring of "
-                "measured surface around it"
+                f"fewer samples than the smallest window needs: none of {len(samples.vertex)} samples has measured surface "
+                f"all around it at a distance of {self._ground.spacing:.4g}; give a smaller spacing or more of the surface"
             )
         self._value, self._known = value.numpy(), known.numpy()
         self._matcher = NeighbourhoodMatcher(self._value, self._known, self._permutation, device=self.device, engine=self.engine)
@@ -178,25 +178,3 @@ def gaussian_weights(ring: Array, window: int) -> Array:
     points = np.bincount(ring, minlength=window + 1)
     area = np.where(np.arange(window + 1) == 0, np.pi / 4, 2 * np.pi * np.arange(window + 1)) / points
     return (area[ring] * np.exp(-0.5 * (ring / sigma) ** 2)).astype(np.float32)
-
-
-def choose_near_best(candidate: Array, cost: Array, count: Array, factor: float, draw: Array) -> tuple[Array, Array]:
-    """Choose at random among the listed candidates whose cost is at most ``factor`` times the least.
-
-    Returns
-    -------
-    chosen : (T,) array
-        Candidate index, -1 where none is listed.
-    cost : (T,) array
-        Its cost.
-    """
-    if candidate.shape[1] == 0:
-        return np.full(len(count), -1), np.full(len(count), np.inf)
-    listed = np.arange(candidate.shape[1]) < count[:, None]
-    best = np.where(listed, cost, np.inf).min(axis=1)
-    eligible = listed & (cost <= factor * best[:, None])
-    wanted = np.minimum((draw * eligible.sum(axis=1)).astype(int), np.maximum(eligible.sum(axis=1) - 1, 0))
-    at = np.argmax(np.cumsum(eligible, axis=1) == wanted[:, None] + 1, axis=1)
-    rows = np.arange(len(count))
-    found = eligible.any(axis=1)
-    return np.where(found, candidate[rows, at], -1), np.where(found, cost[rows, at], np.inf)

@@ -112,17 +112,7 @@ def prepare_ground(
     chosen = face_the_scan(chosen, vertices, faces)
     foot, normal = chosen.foot(vertices)
     own_spacing = spacing is None
-    if spacing is None:
-        spacing, note = sampling_distance(foot, faces)
-    else:
-        spacing = number(spacing, "spacing")
-        if spacing <= 0:
-            raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
-        size = float(np.linalg.norm(np.ptp(foot, axis=0)))
-        if not 1e-6 * size <= spacing <= size:
-            wanted = "smaller" if spacing > size else "larger"
-            raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
-        note = f"spacing {spacing:.6g}: as given"
+    spacing, note = _spacing(spacing, foot, faces)
     notes.append(note)
     region = region_to_complete(chosen, foot, faces, spacing, extent, own_spacing)
     notes.append(region.note)
@@ -165,6 +155,20 @@ def prepare_ground(
         Topology.of(all_faces, count),
         tuple(notes),
     )
+
+
+def _spacing(spacing: float | None, foot: Array, faces: Array) -> tuple[float, str]:
+    """Return the distance between targets, found or as given, and the note that says so."""
+    if spacing is None:
+        return sampling_distance(foot, faces)
+    spacing = number(spacing, "spacing")
+    if spacing <= 0:
+        raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
+    size = float(np.linalg.norm(np.ptp(foot, axis=0)))
+    if not 1e-6 * size <= spacing <= size:
+        wanted = "smaller" if spacing > size else "larger"
+        raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
+    return spacing, f"spacing {spacing:.6g}: as given"
 
 
 def check_scan(vertices: Array, faces: Array) -> None:

@@ -12,7 +12,6 @@ from scipy.sparse import csr_array
 from intaglio.randomness import uniform
 from intaglio.relief.prepare import Ground
 from intaglio.relief.samples import Samples
-from intaglio.topology import adjacency
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -145,7 +144,7 @@ def grow_relief(
     Breckon & Fisher, TPAMI 2008, section 2.2.2; *Non-parametric 3D Surface Completion*, appendix A.
     """
     count = len(ground.measured)
-    graph = adjacency(ground.faces, count)
+    graph = ground.topology.graph
     targets = ~ground.measured & (np.diff(graph.indptr) > 0)
     state = State(
         height=ground.height,
@@ -216,3 +215,25 @@ def _take_from_neighbours(state: State, vertices: Array, graph: csr_array) -> No
             state.color[vertex] = state.color[giver]
         state.error[vertex] = np.inf
     state.textured[vertices] = True
+
+
+def choose_near_best(candidate: Array, cost: Array, count: Array, factor: float, draw: Array) -> tuple[Array, Array]:
+    """Choose at random among the listed candidates whose cost is at most ``factor`` times the least.
+
+    Returns
+    -------
+    chosen : (T,) array
+        Candidate index, -1 where none is listed.
+    cost : (T,) array
+        Its cost.
+    """
+    if candidate.shape[1] == 0:
+        return np.full(len(count), -1), np.full(len(count), np.inf)
+    listed = np.arange(candidate.shape[1]) < count[:, None]
+    best = np.where(listed, cost, np.inf).min(axis=1)
+    eligible = listed & (cost <= factor * best[:, None])
+    wanted = np.minimum((draw * eligible.sum(axis=1)).astype(int), np.maximum(eligible.sum(axis=1) - 1, 0))
+    at = np.argmax(np.cumsum(eligible, axis=1) == wanted[:, None] + 1, axis=1)
+    rows = np.arange(len(count))
+    found = eligible.any(axis=1)
+    return np.where(found, candidate[rows, at], -1), np.where(found, cost[rows, at], np.inf)

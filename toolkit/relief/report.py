@@ -26,6 +26,7 @@ h1{font-size:1.6em;margin-bottom:0}h2{font-size:1.15em;margin:2em 0 .4em;border-
 figcaption{font-size:.85em;color:#555}table{border-collapse:collapse}td,th{padding:.25em .9em .25em 0;text-align:left;
 border-bottom:1px solid #eee;vertical-align:top}th{font-weight:600}li{margin:.15em 0}svg{max-width:100%}
 """
+SCAN, COMPLETED, TRUTH = "The scan", "Completed", "The truth"
 _MEASURED, _FILLED = "#a5855a", "#3b6ea5"
 
 
@@ -40,6 +41,7 @@ def write_relief_report(
     extra: Sequence[str] = (),
     size: int = 480,
     device: str | None = None,
+    pictures: dict[str, list[Array]] | None = None,
 ) -> ReliefReport:
     """Render a completion, measure it, and write one HTML file.
 
@@ -62,36 +64,23 @@ def write_relief_report(
         Width and height of each picture, in pixels.
     device : str, optional
         For the assessment: "cpu", "cuda:0"; default CUDA if there is one.
+    pictures : dict of str to list of array, optional
+        From `relief_pictures`, where they have been rendered already; ``scan``, ``truth`` and ``size`` are then not used.
 
     Returns
     -------
     ReliefReport
     """
     report = assess_relief(surface, truth, device=device) if report is None else report
-    views = viewpoints(surface)
-    cameras = fixed_cameras(surface, views)
-    shape = (size, size)
-    rows: list[tuple[str, list[Array]]] = []
-    if scan is not None:
-        rows.append(("The scan", clay_pictures(scan, cameras, size=shape)))
-    rows.append(("Completed", clay_pictures(surface, cameras, size=shape)))
-    rows.append(("Measured (clay) and filled (blue)", provenance_pictures(surface, cameras, size=shape)))
-    if truth is not None:
-        rows.append(("The truth", clay_pictures(truth, cameras, size=shape)))
-    if report.truth is not None:
-        spread = 2 * report.std_measured or 1.0
-        rows.append(
-            (
-                f"Difference from the truth: blue {-spread:.3g}, white 0, red {spread:+.3g}",
-                difference_pictures(surface, report.truth.difference, cameras, limit=spread, size=shape),
-            )
-        )
+    if pictures is None:
+        pictures = relief_pictures(surface, report, scan=scan, truth=truth, size=size)
+    names = [name for name, _, _ in viewpoints(surface)]
     body = [f"<h1>{html.escape(title)}</h1>"]
-    for heading, images in rows:
+    for heading, images in pictures.items():
         figures = "".join(
             f'<figure><img alt="{html.escape(heading)}, {html.escape(name)}" src="{_inline(image)}">'
             f"<figcaption>{html.escape(name)}</figcaption></figure>"
-            for (name, _, _), image in zip(views, images, strict=True)
+            for name, image in zip(names, images, strict=True)
         )
         body.append(f"<h2>{html.escape(heading)}</h2><div class=row>{figures}</div>")
     body.append("<h2>Figures</h2><ul>" + "".join(f"<li>{html.escape(x)}</li>" for x in [*report.lines(), *extra]) + "</ul>")
@@ -105,6 +94,29 @@ def write_relief_report(
     with whole_file(Path(path)) as beside:
         beside.write_text(page, encoding="utf-8")
     return report
+
+
+def relief_pictures(
+    surface: Surface, report: ReliefReport, *, scan: Surface | None = None, truth: Surface | None = None, size: int = 480
+) -> dict[str, list[Array]]:
+    """Render what the report shows: for every heading one linear picture (size, size, 3) a viewpoint.
+
+    Parameters are those of `write_relief_report`.
+    """
+    cameras = fixed_cameras(surface, viewpoints(surface))
+    shape = (size, size)
+    rows: dict[str, list[Array]] = {}
+    if scan is not None:
+        rows[SCAN] = clay_pictures(scan, cameras, size=shape)
+    rows[COMPLETED] = clay_pictures(surface, cameras, size=shape)
+    rows["Measured (clay) and filled (blue)"] = provenance_pictures(surface, cameras, size=shape)
+    if truth is not None:
+        rows[TRUTH] = clay_pictures(truth, cameras, size=shape)
+    if report.truth is not None:
+        spread = 2 * report.std_measured or 1.0
+        heading = f"Difference from the truth: blue {-spread:.3g}, white 0, red {spread:+.3g}"
+        rows[heading] = difference_pictures(surface, report.truth.difference, cameras, limit=spread, size=shape)
+    return rows
 
 
 def _distributions(report: ReliefReport, surface: Surface) -> str:

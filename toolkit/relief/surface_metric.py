@@ -9,11 +9,9 @@ from scipy.sparse import csr_array
 from intaglio.kernels.launch import launch
 from intaglio.kernels.selection import SHORTLIST, pick_by_rank, select_near_best
 from intaglio.kernels.surface_matching import NOT_VIABLE, surface_ssd_kernel
-from intaglio.relief.displacement_metric import choose_near_best
 from intaglio.relief.prepare import Ground
-from intaglio.relief.propagate import Picks, Selection, State
+from intaglio.relief.propagate import Picks, Selection, State, choose_near_best
 from intaglio.relief.samples import Samples, filled_sample_set
-from intaglio.topology import adjacency
 
 Array = np.ndarray
 
@@ -177,7 +175,7 @@ def ring_neighbourhoods(ground: Ground, window: int) -> tuple[Array, Array, Arra
     Neighbours are ordered ring by ring and by angle, so that each lies next to the one before it.
     """
     count = len(ground.measured)
-    graph = adjacency(ground.faces, count)
+    graph = ground.topology.graph
     targets = np.flatnonzero(~ground.measured)
     reached = csr_array((np.ones(len(targets), np.float32), (np.arange(len(targets)), targets)), shape=(len(targets), count))
     rows, vertices, rings = [], [], []

@@ -7,6 +7,7 @@ is one on the base. The scan's border edges are constraints; the scan's own tria
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +53,7 @@ def fill_base(
     candidates: Array,
     spacing: float,
     *,
-    inside: object = None,
+    inside: Callable[[Array], Array] | None = None,
     only_holes: bool = False,
     regular: bool = False,
 ) -> Filling:
@@ -105,10 +106,8 @@ def fill_base(
     for sweep in range(_RELAXATIONS):
         triangles, used = region.triangulate(targets)
         targets, triangles = _keep_used(targets, triangles, used, len(rim))
-        if sweep == _RELAXATIONS - 1:
+        if regular or sweep == _RELAXATIONS - 1:
             break
-        if regular:
-            continue
         targets = _relax(base, feet[rim], targets, triangles, spacing)
         targets = _mend_density(base, feet[rim], targets, triangles, spacing, fixed_tree)
     if len(triangles) == 0:
@@ -133,7 +132,7 @@ class _Region:
         rim_xy: Array,
         edges: Array,
         spacing: float,
-        inside: object,
+        inside: Callable[[Array], Array] | None,
         only_holes: bool,
     ) -> None:
         self.base, self.chart_of, self.rim, self.rim_xy, self.edges = base, chart_of, rim, rim_xy, edges
@@ -178,7 +177,7 @@ class _Region:
         """Open triangles beyond the extent, and slivers reachable from there: carved away from the outside in."""
         corners = points[triangles]
         beyond = np.zeros(len(triangles), bool)
-        if callable(self.inside):
+        if self.inside is not None:
             # Seen in the chart: the disk inside a cylinder's annulus is beyond its end, though level with it in space.
             beyond = ~np.asarray(self.inside(self.chart_of.inverse(xy[triangles].mean(axis=1))), bool)
         thin = _circumradius(corners) > 1.5 * self.spacing
