@@ -13,7 +13,7 @@ from intaglio.devices import device_or_error
 from intaglio.errors import IntaglioError
 from intaglio.images import IMAGE_SUFFIXES, read_image
 from intaglio.kernels.launch import threads
-from intaglio.light_positions import read_light_positions
+from intaglio.photometric.light_positions import read_light_positions
 from intaglio.mesh_reading import read_surface
 from intaglio.relief.extent import sampling_distance
 from intaglio.relief.fit import fit_base

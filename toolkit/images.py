@@ -16,6 +16,7 @@ from intaglio.render.variant import mitsuba
 Array = np.ndarray
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".tga", ".bmp")
 
 
 def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> Array:
@@ -24,7 +25,7 @@ def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> A
     Parameters
     ----------
     path : path
-        PNG, JPEG or TIFF with 8 or 16 bits (or a float TIFF), or EXR.
+        PNG, JPEG, TIFF, TGA or BMP with 8 or 16 bits (or a float TIFF), or EXR.
     linear : bool, optional
         Whether the stored values are linear already. Default: 8 bits are decoded from sRGB; 16 bits and floats are taken as
         they are, integers scaled to [0, 1].
@@ -33,6 +34,31 @@ def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> A
     -------
     (H, W) or (H, W, C) float32 array
         Row 0 is the top. C is 3, or 4 with alpha (never decoded); an EXR gives R, G, B(, A) or its single channel.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or of no known kind.
+    """
+    raw = read_samples(path)
+    eight_bit = raw.dtype == np.uint8
+    if np.issubdtype(raw.dtype, np.integer):
+        values = raw.astype(np.float32) / np.float32(np.iinfo(raw.dtype).max)
+    else:
+        values = raw.astype(np.float32)
+    if linear is None:
+        linear = not eight_bit
+    if not linear:
+        colours = values[..., :3] if values.ndim == 3 and values.shape[2] >= 3 else values
+        decoded = decode_srgb(colours)
+        if values.ndim == 3 and values.shape[2] == 4:
+            decoded = np.concatenate([decoded, values[..., 3:]], axis=2)
+        values = decoded
+    return np.ascontiguousarray(values, np.float32)
+
+
+def read_samples(path: str | os.PathLike[str]) -> Array:
+    """Read an image's samples as they are stored: (H, W) or (H, W, C), integers or floats.
 
     Raises
     ------
@@ -53,20 +79,7 @@ def read_image(path: str | os.PathLike[str], *, linear: bool | None = None) -> A
         raise FileError(f"{path}: has shape {raw.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
     if raw.ndim == 3 and raw.shape[2] == 1:
         raw = raw[:, :, 0]
-    eight_bit = raw.dtype == np.uint8
-    if np.issubdtype(raw.dtype, np.integer):
-        values = raw.astype(np.float32) / np.float32(np.iinfo(raw.dtype).max)
-    else:
-        values = raw.astype(np.float32)
-    if linear is None:
-        linear = not eight_bit
-    if not linear:
-        colours = values[..., :3] if values.ndim == 3 and values.shape[2] >= 3 else values
-        decoded = decode_srgb(colours)
-        if values.ndim == 3 and values.shape[2] == 4:
-            decoded = np.concatenate([decoded, values[..., 3:]], axis=2)
-        values = decoded
-    return np.ascontiguousarray(values, np.float32)
+    return raw
 
 
 def write_image(
@@ -207,6 +220,14 @@ def _read_jpeg(path: Path) -> Array:
         return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
 
 
+def _read_by_pillow(path: Path) -> Array:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        has_alpha = "A" in image.mode
+        return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGBA" if has_alpha else "RGB"))
+
+
 def _read_tiff(path: Path) -> Array:
     import tifffile
 
@@ -230,4 +251,6 @@ _readers: dict[str, Callable[[Path], Array]] = {
     ".tif": _read_tiff,
     ".tiff": _read_tiff,
     ".exr": _read_exr_image,
+    ".tga": _read_by_pillow,
+    ".bmp": _read_by_pillow,
 }

@@ -1,0 +1,308 @@
+"""Per-pixel fits and relighting: weighted sums of images, and robust fits of Lambert's law.
+
+Images are planes: row k of a (K, P) array holds all pixels (times channels) of image k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from intaglio.kernels.launch import launch, run_parallel, single_threaded_blas, split
+
+wp.set_module_options({"enable_backward": False})
+
+# Pixels per matrix product.
+BLOCK = 16384
+
+# Steps by which a quantile is bracketed: the bracket shrinks to 2**-20 of the pixel's range, far below 16-bit noise.
+BISECTIONS = 20
+
+
+@wp.kernel
+def _weighted_sums(
+    start: int,
+    planes: wp.array2d[wp.float32],
+    weights: wp.array2d[wp.float32],
+    floor: float,
+    # output
+    sums: wp.array2d[wp.float32],
+):
+    """Write sums[j, i] = max(floor, Σ_k weights[j, k] planes[k, i]) for one pixel i."""
+    i = start + wp.tid()
+    for j in range(weights.shape[0]):
+        total = float(0.0)
+        for k in range(weights.shape[1]):
+            total += weights[j, k] * planes[k, i]
+        sums[j, i] = wp.max(floor, total)
+
+
+@wp.kernel
+def _weighted_sums_double(
+    start: int,
+    planes: wp.array2d[wp.float32],
+    weights: wp.array2d[wp.float64],
+    floor: float,
+    # output
+    sums: wp.array2d[wp.float32],
+):
+    """Write the same sums, added up in double precision."""
+    i = start + wp.tid()
+    for j in range(weights.shape[0]):
+        total = wp.float64(0.0)
+        for k in range(weights.shape[1]):
+            total += weights[j, k] * wp.float64(planes[k, i])
+        sums[j, i] = wp.max(floor, wp.float32(total))
+
+
+@wp.func
+def _quantile(planes: wp.array2d[wp.float32], i: int, wanted: int, low: float, high: float):
+    """Return a value with ``wanted`` of column i's values at or below it, by bisection between low and high."""
+    a = low
+    b = high
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (a + b)
+        count = int(0)
+        for k in range(planes.shape[0]):
+            if planes[k, i] <= middle:
+                count += 1
+        if count >= wanted:
+            b = middle
+        else:
+            a = middle
+    return b
+
+
+@wp.func
+def _residual_quantile(
+    planes: wp.array2d[wp.float32],
+    lights: wp.array[wp.vec3],
+    i: int,
+    n: wp.vec3,
+    low: float,
+    high: float,
+    wanted: int,
+    largest: float,
+):
+    """Return the ``wanted``-th smallest |planes[k, i] − n·l_k| among values in (low, high]."""
+    a = float(0.0)
+    b = largest
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (a + b)
+        count = int(0)
+        for k in range(planes.shape[0]):
+            value = planes[k, i]
+            if value > low and value <= high and wp.abs(value - wp.dot(n, lights[k])) <= middle:
+                count += 1
+        if count >= wanted:
+            b = middle
+        else:
+            a = middle
+    return b
+
+
+@wp.kernel
+def _robust_normals(
+    start: int,
+    planes: wp.array2d[wp.float32],
+    lights: wp.array[wp.vec3],
+    dark: int,
+    bright: int,
+    tuning: float,
+    iterations: int,
+    # output
+    scaled: wp.array[wp.vec3],
+    confidence: wp.array[wp.float32],
+):
+    """Fit planes[k, i] = n·l_k by iteratively reweighted least squares over the values between two ranks.
+
+    The ``dark`` smallest values (shadows) and all but the ``bright`` smallest (highlights) are left out. Weights are
+    Geman and McClure's 1 / (1 + (r / s)²)², s = tuning × 1.4826 × median |r|.
+    """
+    i = start + wp.tid()
+    count = planes.shape[0]
+    least = planes[0, i]
+    most = planes[0, i]
+    for k in range(1, count):
+        least = wp.min(least, planes[k, i])
+        most = wp.max(most, planes[k, i])
+    spread = most - least
+    low = least - 1.0
+    if dark > 0:
+        low = _quantile(planes, i, dark, least, most)
+    high = most
+    if bright < count:
+        high = _quantile(planes, i, bright, least, most)
+    if high <= low:
+        # A constant column: there is nothing to tell shadows from highlights by.
+        low = least - 1.0
+        high = most
+    kept = int(0)
+    for k in range(count):
+        if planes[k, i] > low and planes[k, i] <= high:
+            kept += 1
+    n = wp.vec3(0.0, 0.0, 0.0)
+    s = float(0.0)
+    agreeing = float(0.0)
+    for step in range(iterations + 1):
+        normal = wp.mat33(0.0)
+        moment = wp.vec3(0.0, 0.0, 0.0)
+        agreeing = float(0.0)
+        for k in range(count):
+            value = planes[k, i]
+            if value > low and value <= high:
+                weight = float(1.0)
+                if step > 0:
+                    r = (value - wp.dot(n, lights[k])) / s
+                    weight = 1.0 / ((1.0 + r * r) * (1.0 + r * r))
+                normal += weight * wp.outer(lights[k], lights[k])
+                moment += weight * value * lights[k]
+                agreeing += weight
+        # Lights left for this pixel may lie in one plane: a trace of the unit matrix keeps the answer finite.
+        normal += 1.0e-6 * wp.trace(normal) * wp.identity(n=3, dtype=float)
+        n = wp.inverse(normal) * moment
+        median = _residual_quantile(planes, lights, i, n, low, high, (kept + 1) / 2, spread + wp.length(n))
+        s = tuning * 1.4826 * median + 1.0e-6 * spread + 1.0e-12
+    scaled[i] = n
+    confidence[i] = agreeing / float(count)
+
+
+def weighted_sums(
+    planes: np.ndarray,
+    weights: np.ndarray,
+    *,
+    floor: float | None = None,
+    out: np.ndarray | None = None,
+    add: bool = False,
+    double: bool = False,
+    device: str = "cpu",
+) -> np.ndarray:
+    """Return ``weights @ planes``: fitting (weights from the lights) and relighting (weights from the light) are this product.
+
+    Parameters
+    ----------
+    planes : (K, P) float32 array
+        Images or maps, a row each.
+    weights : (n, K) array
+    floor : float, optional
+        Least value of the result.
+    out : (n, P) float32 array, optional
+        Where to write.
+    add : bool
+        Add to ``out`` instead; on the CPU only, and with no floor.
+    double : bool
+        Multiply and sum in double precision, as fits do: their weights cancel.
+    device : str
+        On the CPU blocks of pixels are multiplied by BLAS, a block a thread, always of the same shape, so that the bits do
+        not depend on the number of threads. On CUDA a kernel takes one pixel a thread.
+
+    Returns
+    -------
+    (n, P) float32 array
+    """
+    weights = np.ascontiguousarray(weights, np.float64 if double else np.float32)
+    result = np.empty((len(weights), planes.shape[1]), np.float32) if out is None else out
+    if not device.startswith("cpu"):
+        on_device = wp.array(np.ascontiguousarray(planes), dtype=wp.float32, device=device)
+        kind = wp.float64 if double else wp.float32
+        sums = wp.empty(result.shape, dtype=wp.float32, device=device)
+        launch(
+            _weighted_sums_double if double else _weighted_sums,
+            planes.shape[1],
+            inputs=[on_device, wp.array(weights, dtype=kind, device=device), float(-np.inf if floor is None else floor)],
+            outputs=[sums],
+            device=device,
+        )
+        result[...] = result + sums.numpy() if add else sums.numpy()
+        return result
+
+    def block(start: int) -> None:
+        part = slice(start, start + BLOCK)
+        if add:
+            result[:, part] += (weights @ planes[:, part]).astype(np.float32, copy=False)
+        elif double:
+            result[:, part] = weights @ planes[:, part].astype(np.float64)
+        else:
+            np.matmul(weights, planes[:, part], out=result[:, part])
+        if floor is not None:
+            np.maximum(result[:, part], np.float32(floor), out=result[:, part])
+
+    def blocks(index: int) -> None:
+        for start in range(*ranges[index], 1):
+            block(start * BLOCK)
+
+    ranges = list(split(-(-planes.shape[1] // BLOCK), 16))
+    with single_threaded_blas():
+        run_parallel(blocks, range(len(ranges)))
+    return result
+
+
+def products(planes: np.ndarray) -> np.ndarray:
+    """Return the (K, K) float64 matrix of inner products of the rows of ``planes`` (K, P)."""
+    ranges = list(split(-(-planes.shape[1] // BLOCK), 64))
+    parts: list[np.ndarray] = [np.zeros(0)] * len(ranges)
+
+    def block(index: int) -> None:
+        total = np.zeros((len(planes), len(planes)))
+        for b in range(*ranges[index]):
+            part = planes[:, b * BLOCK : (b + 1) * BLOCK].astype(np.float64)
+            total += part @ part.T
+        parts[index] = total
+
+    with single_threaded_blas():
+        run_parallel(block, range(len(ranges)))
+    return np.asarray(sum(parts))
+
+
+def robust_normals(
+    planes: np.ndarray,
+    lights: np.ndarray,
+    *,
+    dark: int,
+    bright: int,
+    tuning: float = 2.0,
+    iterations: int = 8,
+    device: str = "cpu",
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit Lambert's law i = n·l to every pixel, leaving out shadows and highlights.
+
+    Parameters
+    ----------
+    planes : (K, P) float32 array
+        One value per image and pixel.
+    lights : (K, 3) array
+        Unit vectors.
+    dark, bright : int
+        The ``dark`` smallest values of a pixel are left out, and those that rank above ``bright``.
+    tuning : float
+        Residuals count as far off in units of this many robust standard deviations.
+    iterations : int
+        Reweighting steps after the first fit.
+    device : str
+
+    Returns
+    -------
+    scaled : (P, 3) float32 array
+        Normals times albedo.
+    confidence : (P,) float32 array
+        Sum of the final weights over K: the share of the lights that Lambert's law explains.
+    """
+    count = planes.shape[1]
+    scaled = wp.empty(count, dtype=wp.vec3, device=device)
+    confidence = wp.empty(count, dtype=wp.float32, device=device)
+    launch(
+        _robust_normals,
+        count,
+        inputs=[
+            wp.array(np.ascontiguousarray(planes, np.float32), dtype=wp.float32, device=device, copy=False),
+            wp.array(np.ascontiguousarray(lights, np.float32), dtype=wp.vec3, device=device),
+            int(dark),
+            int(bright),
+            float(tuning),
+            int(iterations),
+        ],
+        outputs=[scaled, confidence],
+        device=device,
+        grain=1024,
+    )
+    return scaled.numpy(), confidence.numpy()

@@ -1,0 +1,165 @@
+"""How well a representation reconstructs the photographs it was fitted to, and predicts others (Dong, section 4.5.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.kernels.lighting import weighted_sums
+from intaglio.photometric.linear_fits import LINEAR_KINDS, Settings, prediction, reconstruction
+from intaglio.photometric.relightable import KINDS
+from intaglio.photometric.represent import linear_fit, represent, stack_moments
+from intaglio.photometric.stack import PhotometricStack
+
+Array = np.ndarray
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class RepresentationReport:
+    """Errors of relit images against the photographs.
+
+    Attributes
+    ----------
+    kind : str
+    leave_one_out : bool
+        Whether every image was relit from a fit to the others (ability of prediction), or to all (ability of reconstruction).
+    normalised_rms : float
+        η = mean over images of rms(relit − original) / std(original).
+    relative : float
+        ‖relit − original‖ / ‖original‖ over all images together; grazing lights, whose images vary little, don't blow it up.
+    per_image : (K,) float64 array
+        rms(relit − original) / std(original); NaN for an image without any contrast, which η leaves out.
+    notes : tuple of str
+        What was chosen in fitting.
+    """
+
+    kind: str
+    leave_one_out: bool
+    normalised_rms: float
+    relative: float
+    per_image: Array
+    notes: tuple[str, ...] = ()
+
+
+def assess_representation(
+    stack: PhotometricStack,
+    kind: str,
+    leave_one_out: bool = False,
+    *,
+    robust: bool = False,
+    order: int = 3,
+    interpolation: str = "auto",
+    components: int | None = None,
+    smoothing: float | None = None,
+    integration: str = "fourier",
+    differentiation: str = "fourier",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> RepresentationReport:
+    """Measure a kind on a stack: relight it by the lights of the photographs and compare.
+
+    Parameters
+    ----------
+    stack : PhotometricStack
+    kind : str
+        As in `represent`, and so are the other options.
+    leave_one_out : bool
+        Relight every image from a fit to all others, with parameters chosen without it. For least-squares kinds this comes from
+        the hat matrix, for ``"3i"`` and principal images from the products of the images, without a fit to any pixel; for
+        ``"height"`` and robust fits every fit is made.
+    progress : callable, optional
+        Called with the share done.
+
+    Returns
+    -------
+    RepresentationReport
+
+    Raises
+    ------
+    InputError
+        As `represent`; and with ``leave_one_out``, if the other images don't determine the maps.
+
+    Notes
+    -----
+    The thesis prints e_k = 1/(NM) √(Σ(r − i)²) (eq. 4.5.1); the factor belongs inside the root, else η would fall with the
+    size of the image. Relit values are clipped at 0. Only pixels inside the mask count.
+
+    References
+    ----------
+    J. Dong, Three-dimensional Surface Texture Synthesis, PhD thesis, Heriot-Watt University 2003, section 4.5.1, eq. 4.5.1.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind {kind!r} is not known; known: {', '.join(KINDS)}")
+    device = device_or_error(device)
+    report = progress or (lambda share: None)
+    if kind not in LINEAR_KINDS or robust:
+        options = {"robust": robust, "integration": integration, "differentiation": differentiation, "device": device}
+        return _assess_by_fitting(stack, kind, leave_one_out, options, report)
+    settings = Settings(order, interpolation, components, smoothing)
+    notes: tuple[str, ...] = ()
+    if leave_one_out:
+        needs = kind in ("eigen3", "eigen6", "rbf")
+        relit = prediction(kind, stack.lights, stack_moments(stack) if needs else None, settings)
+    else:
+        fit = linear_fit(kind, stack, settings, device)
+        relit, notes = reconstruction(fit, stack.lights), fit.notes
+    errors = _Errors(stack.shape[0])
+    for rows, strip in stack.strips():
+        values = strip if stack.mask is None else strip[:, stack.mask[rows]]
+        planes = np.ascontiguousarray(values.reshape(len(strip), -1))
+        errors.add(planes, weighted_sums(planes, relit.T, floor=0.0, double=True, device=device))
+        report(rows.stop / stack.shape[1])
+    return errors.report(kind, leave_one_out, notes)
+
+
+def _assess_by_fitting(
+    stack: PhotometricStack, kind: str, leave_one_out: bool, options: dict[str, object], report: Progress
+) -> RepresentationReport:
+    """Fit, or fit without each image in turn, and relight."""
+    count = stack.shape[0]
+    errors = _Errors(count)
+    texture = None if leave_one_out else represent(stack, kind, **options)  # type: ignore[arg-type]
+    for k in range(count):
+        if leave_one_out:
+            texture = represent(stack.subset(np.delete(np.arange(count), k)), kind, **options)  # type: ignore[arg-type]
+        assert texture is not None
+        original, relit = stack.image(k), texture.relight(stack.lights[k])
+        if stack.mask is not None:
+            original, relit = original[stack.mask], relit[stack.mask]
+        errors.add(original.reshape(1, -1), relit.reshape(1, -1), slice(k, k + 1))
+        report((k + 1) / count)
+    return errors.report(kind, leave_one_out, () if texture is None else texture.notes)
+
+
+class _Errors:
+    """Sums of squares over images, strip by strip."""
+
+    def __init__(self, count: int) -> None:
+        self.away, self.squares, self.sums, self.number = (np.zeros(count) for _ in range(4))
+
+    def add(self, original: Array, relit: Array, which: slice = slice(None)) -> None:
+        """Count rows of values of the images ``which``."""
+        for k, (i, r) in enumerate(zip(original, relit, strict=True), start=which.start or 0):
+            values = i.astype(np.float64)
+            away = r - values
+            self.away[k] += away @ away
+            self.squares[k] += values @ values
+            self.sums[k] += values.sum()
+            self.number[k] += len(values)
+
+    def report(self, kind: str, leave_one_out: bool, notes: tuple[str, ...]) -> RepresentationReport:
+        """Return the errors; an image whose values are all equal has no normalised one."""
+        mean = self.sums / self.number
+        variance = np.maximum(self.squares / self.number - mean * mean, 0)
+        flat = variance <= 1e-12 * np.maximum(self.squares / self.number, 1e-30)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            per_image = np.where(flat, np.nan, np.sqrt(self.away / self.number) / np.sqrt(variance))
+        eta = float(np.mean(per_image[~flat])) if (~flat).any() else 0.0
+        whole = self.squares.sum()
+        relative = float(np.sqrt(self.away.sum() / whole)) if whole > 0 else 0.0
+        return RepresentationReport(kind, leave_one_out, eta, relative, per_image, notes)

@@ -1,0 +1,178 @@
+"""Height maps from gradients and back, and whether gradients are those of any surface (Dong, section 4.5.3).
+
+Gradients are per pixel: p = ∂s/∂x along the columns, q = ∂s/∂y upwards, against the rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from intaglio.errors import InputError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Integrability:
+    """How far gradients are from those of a surface.
+
+    Attributes
+    ----------
+    residual : float
+        √(‖p − p'‖² + ‖q − q'‖²) / √(‖p‖² + ‖q‖²), without means: 0 for a surface's own gradients, 1 for a pure swirl.
+    p, q : (H, W) float64 arrays
+        The nearest gradients that fulfil v P = u Q (eq. 4.5.4).
+    """
+
+    residual: float
+    p: Array
+    q: Array
+
+
+def height_from_gradients(p: Array, q: Array, *, method: str = "fourier") -> Array:
+    """Integrate gradients to the height map whose own gradients are nearest to them.
+
+    Parameters
+    ----------
+    p, q : (H, W) arrays
+    method : {"fourier", "cosine"}
+        ``"fourier"``: S = (−j u P − j v Q) / (u² + v²) (Frankot and Chellappa 1988; eq. 4.5.5). The map is taken to repeat; a
+        constant slope, which can't, is integrated apart as a plane. ``"cosine"``: heights differ between neighbours by the mean
+        of their gradients, in the least-squares sense, with free borders; Poisson's equation by the cosine transform. Right for
+        maps that do not repeat.
+
+    Returns
+    -------
+    (H, W) float64 array
+        Heights in pixels, of mean 0.
+
+    Raises
+    ------
+    InputError
+        If p and q are not two images of one shape of finite values, or the method is unknown.
+
+    References
+    ----------
+    Frankot, Chellappa: A method for enforcing integrability in shape from shading algorithms, IEEE PAMI 10(4), 1988.
+    """
+    p, q = _checked(p, q)
+    if method == "cosine":
+        return _by_cosines(p, q)
+    if method != "fourier":
+        raise InputError(f"integration {method!r} is not known; known: fourier, cosine")
+    u, v = _frequencies(p.shape)
+    squared = u * u + v * v
+    squared[squared == 0] = 1
+    spectrum = (-1j * u * fft.rfft2(p) - 1j * v * fft.rfft2(q)) / squared
+    spectrum[0, 0] = 0
+    x, y = _coordinates(p.shape)
+    plane = p.mean() * x + q.mean() * y
+    return np.asarray(fft.irfft2(spectrum, s=p.shape) + plane - plane.mean())
+
+
+def gradients_from_height(z: Array, *, method: str = "fourier") -> tuple[Array, Array]:
+    """Differentiate a height map.
+
+    Parameters
+    ----------
+    z : (H, W) array
+        In pixels.
+    method : {"fourier", "forward"}
+        ``"fourier"``: P = j u S, Q = j v S (eqs. 4.5.2 and 4.5.3), of what is left after the plane of best fit. ``"forward"``:
+        p = s(x+1, y) − s(x, y), q = s(x, y+1) − s(x, y) (eqs. 4.5.6 and 4.5.7); the last column and the top row repeat theirs.
+
+    Returns
+    -------
+    p, q : (H, W) float64 arrays
+    """
+    try:
+        z = np.asarray(z, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the height map is no array of numbers ({error})") from error
+    _checked(z, z)
+    if method == "forward":
+        p = np.diff(z, axis=1, append=z[:, -1:])
+        q = -np.diff(z, axis=0, prepend=z[:1])
+        p[:, -1:], q[:1] = p[:, -2:-1] if z.shape[1] > 1 else 0, q[1:2] if z.shape[0] > 1 else 0
+        return p, q
+    if method != "fourier":
+        raise InputError(f"differentiation {method!r} is not known; known: fourier, forward")
+    x, y = _coordinates(z.shape)
+    a = (x * z).sum() / max((x * x).sum(), 1e-300)
+    b = (y * z).sum() / max((y * y).sum(), 1e-300)
+    u, v = _frequencies(z.shape)
+    spectrum = fft.rfft2(z - a * x - b * y)
+    return np.asarray(fft.irfft2(1j * u * spectrum, s=z.shape) + a), np.asarray(fft.irfft2(1j * v * spectrum, s=z.shape) + b)
+
+
+def integrability(p: Array, q: Array) -> Integrability:
+    """Test whether p and q are the gradients of one surface: v P(u, v) = u Q(u, v) (eq. 4.5.4).
+
+    Returns
+    -------
+    Integrability
+        With the nearest gradients that are, and how far they are away.
+    """
+    p, q = _checked(p, q)
+    u, v = _frequencies(p.shape)
+    squared = u * u + v * v
+    squared[squared == 0] = 1
+    first, second = fft.rfft2(p - p.mean()), fft.rfft2(q - q.mean())
+    along = (u * first + v * second) / squared
+    nearest_p = fft.irfft2(u * along, s=p.shape) + p.mean()
+    nearest_q = fft.irfft2(v * along, s=p.shape) + q.mean()
+    away = np.hypot(np.linalg.norm(p - nearest_p), np.linalg.norm(q - nearest_q))
+    whole = np.hypot(np.linalg.norm(p - p.mean()), np.linalg.norm(q - q.mean()))
+    return Integrability(float(away / whole) if whole > 0 else 0.0, np.asarray(nearest_p), np.asarray(nearest_q))
+
+
+def _frequencies(shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return angular frequencies u along x and v along y (upwards) of rfft2's bins, 0 where a derivative has no sign."""
+    u = 2 * np.pi * fft.rfftfreq(shape[1])[None, :].repeat(shape[0], axis=0)
+    v = -2 * np.pi * fft.fftfreq(shape[0])[:, None].repeat(shape[1] // 2 + 1, axis=1)
+    # At Nyquist's frequency a real signal's derivative is zero at every sample.
+    if shape[1] % 2 == 0:
+        u[:, -1] = 0
+    if shape[0] % 2 == 0:
+        v[shape[0] // 2] = 0
+    return u, v
+
+
+def _coordinates(shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return x to the right and y upwards in pixels, of mean 0."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+    return columns - columns.mean(), rows.mean() - rows
+
+
+def _by_cosines(p: Array, q: Array) -> Array:
+    """Solve for heights whose differences between neighbours are the means of their gradients, by least squares."""
+    height, width = p.shape
+    across = (p[:, 1:] + p[:, :-1]) / 2
+    down = -(q[1:] + q[:-1]) / 2
+    divergence = np.zeros((height, width))
+    divergence[:, 1:] += across
+    divergence[:, :-1] -= across
+    divergence[1:] += down
+    divergence[:-1] -= down
+    i, j = np.arange(height)[:, None], np.arange(width)[None, :]
+    # Eigenvalues of minus the Laplacian with free borders under the second cosine transform.
+    values = 4 * np.sin(np.pi * i / (2 * height)) ** 2 + 4 * np.sin(np.pi * j / (2 * width)) ** 2
+    values[0, 0] = 1
+    spectrum = fft.dctn(divergence, type=2) / values
+    spectrum[0, 0] = 0
+    return np.asarray(fft.idctn(spectrum, type=2))
+
+
+def _checked(p: Array, q: Array) -> tuple[Array, Array]:
+    try:
+        p, q = np.asarray(p, np.float64), np.asarray(q, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"gradients are no arrays of numbers ({error})") from error
+    if p.ndim != 2 or p.size == 0 or p.shape != q.shape:
+        raise InputError(f"gradients must be two (H, W) images of one shape, not {p.shape} and {q.shape}")
+    if not (np.isfinite(p).all() and np.isfinite(q).all()):
+        raise InputError("gradients have values that are not finite (NaN or infinite)")
+    return p, q

@@ -1,0 +1,279 @@
+"""Fits that are linear in the images: every map is a weighted sum of photographs, and so is every relit image.
+
+With images as columns of I, maps are M₁ = I F, and an image relit by light l is I F c(l): F (K, n) and c come from the
+lights, and for eigen images from the K x K products of the images. Errors of reconstruction and of prediction are then
+quadratic forms of those products too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from intaglio.errors import InputError
+from intaglio.photometric.bases import (
+    Basis,
+    HemisphericalBasis,
+    LambertBasis,
+    PolynomialBasis,
+    ThreeImageBasis,
+    coefficients,
+    need_rank,
+)
+from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, interpolate, smooth, smooth_matrix
+from intaglio.photometric.light_positions import direction
+
+Array = np.ndarray
+
+LEAST_SQUARES = ("gradient", "ptm", "hsh")
+LINEAR_KINDS = ("3i", *LEAST_SQUARES, "eigen3", "eigen6", "rbf")
+
+# Shares of the unit of distance squared; which one suits is decided by cross-validation.
+SMOOTHING = (0.0, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)
+MOST_COMPONENTS = 18
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Sums over all values (pixels times channels) of a stack.
+
+    Attributes
+    ----------
+    products : (K, K) float64 array
+        Σ i_j i_k, for images j and k.
+    sums : (K,) float64 array
+        Σ i_k.
+    count : int
+        Number of values.
+    """
+
+    products: Array
+    sums: Array
+    count: int
+
+    @property
+    def deviation(self) -> Array:
+        """(K,) standard deviations of the images."""
+        mean = self.sums / self.count
+        return np.sqrt(np.maximum(np.diag(self.products) / self.count - mean * mean, 0))
+
+    def subset(self, chosen: Array) -> Moments:
+        """Return the sums of some of the images."""
+        return Moments(self.products[np.ix_(chosen, chosen)], self.sums[chosen], self.count)
+
+    def error(self, relit: Array) -> float:
+        """Return η (eq. 4.5.1) of images relit as I R, without clipping at zero; ``relit`` is R (K, K)."""
+        away = relit - np.eye(len(relit))
+        squared = np.einsum("ik,ij,jk->k", away, self.products, away)
+        usable = self.deviation > 0
+        if not usable.any():
+            return 0.0
+        return float(np.mean(np.sqrt(np.maximum(squared[usable], 0) / self.count) / self.deviation[usable]))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What may be chosen of a kind.
+
+    Attributes
+    ----------
+    order : {2, 3}
+        Of ``"hsh"``.
+    interpolation : {"auto", "grid", "triangles"}
+        Of ``"eigen3"`` and ``"eigen6"``.
+    components : int, optional
+        Of ``"rbf"``; default: the fewest that predict within 0.5 % of the best, at most 18.
+    smoothing : float, optional
+        Of ``"rbf"``; default by cross-validation.
+    """
+
+    order: int = 3
+    interpolation: str = "auto"
+    components: int | None = None
+    smoothing: float | None = None
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """F and c: maps are Σ_k weights[k, j] image_k.
+
+    Attributes
+    ----------
+    weights : (K, n) float64 array
+    basis : Basis
+    notes : tuple of str
+        What was chosen.
+    """
+
+    weights: Array
+    basis: Basis
+    notes: tuple[str, ...] = field(default=())
+
+
+def fit_linear(kind: str, lights: Array, moments: Moments | None, settings: Settings) -> LinearFit:
+    """Return the fit of a linear kind to a stack with ``lights``; eigen kinds and ``"rbf"`` need its ``moments``.
+
+    Raises
+    ------
+    InputError
+        If there are too few images, the lights don't determine the coefficients, or a setting is out of range.
+    """
+    if kind == "3i":
+        return _three_images(lights)
+    if kind in LEAST_SQUARES:
+        basis, names = _least_squares_basis(kind, settings)
+        matrix = coefficients(basis, lights)
+        need_rank(matrix, kind, names)
+        return LinearFit(np.linalg.pinv(matrix).T, basis)
+    assert moments is not None
+    if kind in ("eigen3", "eigen6"):
+        vectors = principal(moments, int(kind[-1]), kind)
+        return LinearFit(vectors, interpolate(lights, vectors, settings.interpolation))
+    return _smooth_fit(lights, moments, settings)
+
+
+def prediction(kind: str, lights: Array, moments: Moments | None, settings: Settings) -> Array:
+    """Return R (K, K): column k gives image k as relit by a fit to all images but k (leave one out), from the other images.
+
+    For least squares it follows from the hat matrix H: (H − diag H) / (1 − diag H) by columns; otherwise every fit is made,
+    from the products of the images alone.
+    """
+    count = len(lights)
+    if kind in LEAST_SQUARES:
+        fit = fit_linear(kind, lights, None, settings)
+        hat = fit.weights @ coefficients(fit.basis, lights).T
+        own = np.diag(hat)
+        if not (own < 1 - 1e-9).all():
+            k = int(np.argmax(own))
+            raise InputError(f"leaving out image {k}, the lights no longer determine {kind!r}; it takes more images")
+        return np.asarray((hat - np.diag(own)) / (1 - own)[None, :])
+    relit = np.zeros((count, count))
+    if kind == "rbf" and settings.components is None:
+        assert moments is not None
+        settings = Settings(components=_smooth_fit(lights, moments, settings).weights.shape[1], smoothing=settings.smoothing)
+    for k in range(count):
+        others = np.delete(np.arange(count), k)
+        fit = fit_linear(kind, lights[others], None if moments is None else moments.subset(others), settings)
+        relit[others, k] = fit.weights @ coefficients(fit.basis, lights[k : k + 1])[0]
+    return relit
+
+
+def reconstruction(fit: LinearFit, lights: Array) -> Array:
+    """Return R (K, K): column k gives image k relit from the fit to all images."""
+    return np.asarray(fit.weights @ coefficients(fit.basis, lights).T)
+
+
+def principal(moments: Moments, count: int, kind: str) -> Array:
+    """Return the first ``count`` right singular vectors (K, count) of the image matrix, largest first, summing to positive.
+
+    They are eigenvectors of IᵀI, which is all that is needed of I = U W Vᵀ: the eigen base images are U W = I V (eq. 4.4.14).
+    """
+    if len(moments.products) < count:
+        raise InputError(f"kind {kind!r} keeps {count} base images, the stack has only {len(moments.products)} images")
+    _, vectors = np.linalg.eigh(moments.products)
+    vectors = vectors[:, ::-1][:, :count]
+    signs = np.sign(vectors.sum(axis=0))
+    return np.ascontiguousarray(vectors * np.where(signs == 0, 1, signs))
+
+
+def information(moments: Moments) -> Array:
+    """Return the cumulative information of the eigenvectors, √(Σ_{i≤k} w²/Σ w²) (eq. 4.4.13), (K,)."""
+    values = np.maximum(np.linalg.eigvalsh(moments.products)[::-1], 0)
+    return np.sqrt(np.cumsum(values) / max(values.sum(), 1e-300))
+
+
+def _three_images(lights: Array) -> LinearFit:
+    """Take the photographs whose lights are nearest to slant 45° and tilts 0°, 90° and 180°."""
+    if len(lights) < 3:
+        raise InputError(f"kind '3i' needs 3 images, the stack has {len(lights)}")
+    wanted = np.stack([direction(tilt, 45.0) for tilt in (0.0, 90.0, 180.0)])
+    away = np.arccos(np.clip(wanted @ lights.T, -1, 1))
+    _, chosen = linear_sum_assignment(away)
+    basis = ThreeImageBasis(np.ascontiguousarray(lights[chosen]))
+    if np.linalg.svd(basis.lights, compute_uv=False)[-1] < 0.05:
+        raise InputError("the three lights nearest to slant 45° and tilts 0°, 90°, 180° lie in one plane; use 'gradient'")
+    weights = np.zeros((len(lights), 3))
+    weights[chosen, np.arange(3)] = 1
+    degrees = np.degrees(away[np.arange(3), chosen])
+    note = f"3i uses images {', '.join(str(c) for c in chosen)}, {degrees.max():.0f} degrees at most from the thesis's lights"
+    return LinearFit(weights, basis, (note,))
+
+
+def _least_squares_basis(kind: str, settings: Settings) -> tuple[Basis, tuple[str, ...]]:
+    if kind == "gradient":
+        return LambertBasis(), ("x", "y", "z")
+    if kind == "ptm":
+        return PolynomialBasis(), ("x²", "y²", "xy", "x", "y", "1")
+    if settings.order not in (2, 3):
+        raise InputError(f"order {settings.order} of hemispherical harmonics is not known; 2 (4 maps) or 3 (9 maps)")
+    basis = HemisphericalBasis(settings.order)
+    return basis, tuple(f"h{i}" for i in range(basis.size))
+
+
+def _smooth_fit(lights: Array, moments: Moments, settings: Settings) -> LinearFit:
+    """Fit principal components whose coefficients are interpolated by radial functions, chosen by leave-one-out error."""
+    count = len(lights)
+    if count < 6:
+        raise InputError(f"kind 'rbf' needs at least 6 images, the stack has {count}")
+    if settings.components is not None and not 1 <= settings.components <= count:
+        raise InputError(f"components must be from 1 to the number of images, {count}, not {settings.components}")
+    if settings.smoothing is not None and not (np.isfinite(settings.smoothing) and settings.smoothing >= 0):
+        raise InputError(f"smoothing must be a finite number from 0 on, not {settings.smoothing}")
+    tried = SMOOTHING if settings.smoothing is None else (settings.smoothing,)
+    scheme, least = None, np.inf
+    for chart, kernel, trend, smoothing in product(CHARTS, KERNELS, TRENDS, tried):
+        if chart == "chord" and trend == "chart":
+            continue  # the chord's coordinates are Lambert's
+        relit = _smooth_prediction(lights, chart, kernel, trend, smoothing)
+        error = np.inf if relit is None else moments.error(relit)
+        if error < least:
+            scheme, least = (chart, kernel, trend, smoothing), error
+    if scheme is None:
+        raise InputError("the lights are too close together to interpolate between them smoothly; use 'gradient' or 'ptm'")
+    components = settings.components or _enough_components(lights, moments, scheme)
+    vectors = principal(moments, components, "rbf")
+    chart, kernel, trend, smoothing = scheme
+    note = (
+        f"rbf: {components} components, {kernel} in {chart} coordinates with {trend} trend, smoothing {smoothing:g}, "
+        f"leave-one-out error {least:.3f} before cutting components"
+    )
+    return LinearFit(vectors, smooth(lights, vectors, *scheme), (note,))
+
+
+def _smooth_prediction(lights: Array, chart: str, kernel: str, trend: str, smoothing: float) -> Array | None:
+    """Return R (K, K) of leaving each light out of a smooth interpolation, all components kept; None if ill-conditioned.
+
+    The error at a light left out is (A⁻¹y)_k / (A⁻¹)_kk, A being the interpolation's system.
+    """
+    system, _ = smooth_matrix(lights, chart, kernel, trend, smoothing)
+    try:
+        inverse = np.linalg.inv(system)
+    except np.linalg.LinAlgError:
+        return None
+    if np.linalg.norm(system, 1) * np.linalg.norm(inverse, 1) > 1e12:
+        return None
+    part = inverse[: len(lights), : len(lights)]
+    own = np.diag(part)
+    if (np.abs(own) < 1e-12).any():
+        return None
+    return np.asarray(np.eye(len(lights)) - (part / own[:, None]).T)
+
+
+def _enough_components(lights: Array, moments: Moments, scheme: tuple[str, str, str, float]) -> int:
+    """Return the fewest components that predict within 0.5 % of the best number, up to `MOST_COMPONENTS`."""
+    count = len(lights)
+    tried = [n for n in (3, 4, 5, 6, 8, 10, 12, 15, MOST_COMPONENTS) if n < count - 1]
+    relit = np.zeros((len(tried), count, count))
+    for k in range(count):
+        others = np.delete(np.arange(count), k)
+        inner = moments.subset(others)
+        vectors = principal(inner, tried[-1], "rbf")
+        basis = smooth(lights[others], np.eye(count - 1), *scheme)
+        weights = coefficients(basis, lights[k : k + 1])[0]
+        for i, n in enumerate(tried):
+            relit[i, others, k] = vectors[:, :n] @ (vectors[:, :n].T @ weights)
+    errors = np.array([moments.error(r) for r in relit])
+    return tried[int(np.argmax(errors <= 1.005 * errors.min()))]

@@ -1,0 +1,226 @@
+"""Reading stacks: .lp files, folders with lights.csv, and folders with plain tables of light directions."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.errors import FileError, InputError
+from intaglio.files import check_readable
+from intaglio.images import READABLE_SUFFIXES, read_image, read_samples
+from intaglio.photometric.light_positions import read_light_positions, read_lights_csv, read_table
+from intaglio.photometric.mirror_sphere import lights_from_sphere
+from intaglio.photometric.stack import ImageFiles, PhotometricStack
+from intaglio.render.compare import decode_srgb
+
+Array = np.ndarray
+
+# Stacks up to this many bytes are held in memory as float32.
+MEMORY_BYTES = 1 << 31
+
+_LIGHT_FILES = ("lights.csv", "light_directions.txt", "lights.txt")
+
+
+def read_stack(
+    path: str | os.PathLike[str],
+    response: str | float | None = None,
+    *,
+    mask: str | os.PathLike[str] | Array | None = None,
+    intensities: str | os.PathLike[str] | None = None,
+    sphere: str | os.PathLike[str] | None = None,
+    grey: bool = False,
+    memory: int = MEMORY_BYTES,
+) -> PhotometricStack:
+    """Read photographs of one scene under known lights.
+
+    Parameters
+    ----------
+    path : path
+        An .lp file (``name x y z`` a line, with or without the count in the first line; names are relative to the file; lines
+        without names take the folder's images in order), a ``lights.csv`` (image and tilt, slant in degrees, or x, y, z), a
+        table of light directions (``light_directions.txt``, 3 x K or K x 3), or a folder that holds one of them. Beside a
+        table, ``filenames.txt`` names the images and ``light_intensities.txt`` gives the lights' strengths; without names, the
+        images are those of the folder, or of its one subfolder that holds K of them (of several, that named images or
+        objects), in natural order.
+    response : {"linear", "srgb"} or float, optional
+        How stored values answer to light: as they are; encoded by sRGB; or with an exponent (linear = stored ** gamma, such
+        as 2.2). Default: 8 bits are decoded from sRGB, 16 bits and floats are linear.
+    mask : path or (H, W) array, optional
+        Pixels to use (values over one half). Default: ``mask.png`` beside the lights, if there is one; else all.
+    intensities : path, optional
+        Table of light strengths, K x 1 or K x 3 (a column per channel), that images are divided by. Default:
+        ``light_intensities.txt`` beside the lights, if there is one.
+    sphere : path, optional
+        Folder with a picture of a mirror sphere per image, in the same order: the lights are computed from it, and ``path`` is
+        the folder of the images. See `lights_from_sphere`.
+    grey : bool
+        Take the mean of the channels.
+    memory : int
+        Stacks of more bytes (as float32) stay on disk and are read an image at a time.
+
+    Returns
+    -------
+    PhotometricStack
+
+    Raises
+    ------
+    FileError
+        If a file is missing (all are listed), damaged, or of no known kind.
+    InputError
+        If lights and images don't fit in number, images in size, or a light is no direction.
+    """
+    decode_value = _response(response)
+    folder, names, lights, source = _lights(Path(path), sphere)
+    paths = _image_paths(folder, names, len(lights), source)
+    missing = [p for p in paths if not p.exists()]
+    if missing:
+        listed = ", ".join(str(p) for p in missing[:8]) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
+        raise FileError(f"{source}: {len(missing)} of its {len(paths)} images are not there: {listed}")
+    first = read_samples(paths[0])
+    if first.dtype.kind not in "uf":
+        raise FileError(f"{paths[0]}: holds {first.dtype} values; images of 8 or 16 bits, or floats, are needed")
+    channels = 1 if first.ndim == 2 or first.shape[2] <= 2 else 3
+    gain = _gain(folder if intensities is None else Path(intensities), len(lights))
+    if gain is not None and gain.shape[1] == 3:
+        channels = 3
+    shape = (len(paths), first.shape[0], first.shape[1], 1 if grey else channels)
+    files = ImageFiles(tuple(paths), shape, decode_value, gain, (1 / 3, 1 / 3, 1 / 3) if grey else None)
+    known, notes = _mask(folder, mask)
+    labels = tuple(str(p) for p in paths)
+    ceiling: Array | float = 1.0 if first.dtype.kind == "u" else np.inf
+    if gain is not None and np.isfinite(ceiling):
+        ceiling = gain.mean(axis=1, keepdims=True) if grey else gain
+    if 4 * math.prod(shape) > memory:
+        notes = (*notes, f"the stack is {4 * math.prod(shape) / 2**30:.1f} GiB: images are read one at a time")
+        return PhotometricStack(files, lights, known, labels, notes, ceiling)
+    images = np.empty(shape, np.float32)
+    for k in range(shape[0]):
+        images[k] = files.read(k)
+    return PhotometricStack(images, lights, known, labels, notes, ceiling)
+
+
+def _lights(path: Path, sphere: str | os.PathLike[str] | None) -> tuple[Path, list[str], Array, Path]:
+    """Return the folder of the images, their names (may be empty), the lights, and the file that gave them."""
+    if sphere is not None:
+        if not path.is_dir():
+            raise FileError(f"{path}: with a sphere's pictures, give the folder of the images")
+        pictures = _images_of(Path(sphere))
+        if not pictures:
+            raise FileError(f"{sphere}: holds no pictures of a sphere")
+        count = len(_images_of(path))
+        found = lights_from_sphere([read_image(p, linear=True) for p in pictures[:count]])
+        return path, [], found.lights, Path(sphere)
+    if path.is_dir():
+        candidates = [path / n for n in _LIGHT_FILES if (path / n).exists()] or sorted(path.glob("*.lp"))
+        if not candidates:
+            raise FileError(f"{path}: holds neither an .lp file nor any of {', '.join(_LIGHT_FILES)}")
+        if len(candidates) > 1:
+            listed = ", ".join(p.name for p in candidates)
+            raise InputError(f"{path}: holds more than one file of lights ({listed}); give the one to use")
+        path = candidates[0]
+    check_readable(path)
+    suffix = path.suffix.lower()
+    if suffix == ".lp":
+        names, lights = read_light_positions(path)
+    elif suffix == ".csv":
+        names, lights = read_lights_csv(path)
+    elif suffix == ".txt":
+        lights = read_table(path, (3,), "light directions x, y, z")
+        listing = path.parent / "filenames.txt"
+        names = listing.read_text(encoding="utf-8").split() if listing.exists() else []
+    else:
+        raise FileError(f"{path}: is no list of lights; known are .lp, .csv, .txt, or a folder that holds one")
+    return path.parent, names, lights, path
+
+
+def _image_paths(folder: Path, names: list[str], count: int, source: Path) -> list[Path]:
+    if names:
+        if len(names) != count:
+            raise InputError(f"{source}: {count} lights, but {len(names)} images are named")
+        return [folder / name for name in names]
+    found = _images_of(folder)
+    if len(found) == count:
+        return found
+    below = {d.name.lower(): _images_of(d) for d in sorted(folder.iterdir()) if d.is_dir()}
+    below = {name: images for name, images in below.items() if len(images) == count}
+    if len(below) > 1:
+        below = {name: images for name, images in below.items() if name in ("images", "objects")}
+    if not found and len(below) == 1:
+        return next(iter(below.values()))
+    raise InputError(f"{source}: gives {count} lights, but {folder} holds {len(found)} images; name them in an .lp or lights.csv")
+
+
+def _images_of(folder: Path) -> list[Path]:
+    """Return the folder's images in natural order (2 before 10), without masks and sphere references."""
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder")
+    images = [p for p in folder.iterdir() if p.suffix.lower() in READABLE_SUFFIXES and p.stem.lower() not in ("mask", "ref")]
+
+    def natural(path: Path) -> list[tuple[int, str]]:
+        return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())]
+
+    return sorted(images, key=natural)
+
+
+def _response(response: str | float | None) -> Callable[[Array], Array]:
+    """Return a function from stored samples to linear float32 values."""
+    if isinstance(response, str) and response not in ("linear", "srgb"):
+        raise InputError(f"response {response!r} is not known; give 'linear', 'srgb' or a gamma such as 2.2")
+    if not isinstance(response, str) and response is not None and not (np.isfinite(response) and response > 0):
+        raise InputError(f"response {response} is no gamma: it must be a finite number over 0")
+    tables: dict[np.dtype, Array] = {}
+
+    def curve(values: Array, eight_bit: bool) -> Array:
+        if response == "srgb" or (response is None and eight_bit):
+            return decode_srgb(values)
+        if response is None or response == "linear":
+            return values
+        return np.power(np.maximum(values, 0), np.float32(response))
+
+    def decode(samples: Array) -> Array:
+        if samples.dtype.kind == "f":
+            return curve(samples.astype(np.float32), False)
+        if samples.dtype not in tables:
+            # A table of all levels: no temporary copies of large images.
+            levels = np.arange(np.iinfo(samples.dtype).max + 1, dtype=np.float32) / np.float32(np.iinfo(samples.dtype).max)
+            tables[samples.dtype] = curve(levels, samples.dtype == np.uint8).astype(np.float32)
+        return tables[samples.dtype][samples]
+
+    return decode
+
+
+def _gain(path: Path, count: int) -> Array | None:
+    """Return (K, 1 or 3) factors that undo the lights' intensities, or None."""
+    if path.is_dir():
+        path = path / "light_intensities.txt"
+        if not path.exists():
+            return None
+    table = read_table(path, (1, 3), "light intensities")
+    if len(table) != count:
+        table = table.T if table.T.shape == (count, 3) else table
+    if len(table) != count:
+        raise InputError(f"{path}: holds {len(table)} light intensities for {count} images")
+    if not (table > 0).all():
+        raise InputError(f"{path}: light intensities must be over 0")
+    return 1.0 / table
+
+
+def _mask(folder: Path, mask: str | os.PathLike[str] | Array | None) -> tuple[Array | None, tuple[str, ...]]:
+    if mask is None:
+        beside = folder / "mask.png"
+        if not beside.exists():
+            return None, ()
+        return _mask_image(beside), (f"{beside} masks the stack",)
+    if isinstance(mask, np.ndarray):
+        return mask, ()
+    return _mask_image(Path(mask)), ()
+
+
+def _mask_image(path: Path) -> Array:
+    values = read_image(path, linear=True)
+    return np.asarray((values if values.ndim == 2 else values[:, :, :3].max(axis=2)) > 0.5)

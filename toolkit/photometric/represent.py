@@ -1,0 +1,298 @@
+"""From a stack of photographs to a texture that answers to light (Dong, section 4.4)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError, IntaglioWarning
+from intaglio.kernels.lighting import products, robust_normals, weighted_sums
+from intaglio.photometric.bases import Basis, LambertBasis
+from intaglio.photometric.heights import gradients_from_height, height_from_gradients
+from intaglio.photometric.interpolation import RadialBasis, interpolate, smooth
+from intaglio.photometric.linear_fits import LINEAR_KINDS, LinearFit, Moments, Settings, fit_linear
+from intaglio.photometric.normals import surface_maps
+from intaglio.photometric.relightable import KINDS, Relightable
+from intaglio.photometric.stack import LUMINANCE, Exposure, PhotometricStack
+
+Array = np.ndarray
+Progress = Callable[[float], None]
+
+# More than this share of values at the end of the range is worth a warning.
+MUCH_CLIPPED = 0.05
+
+# Robust fits leave out these shares of a pixel's values: the darkest (shadows) and the brightest (highlights).
+DARK_SHARE = 0.25
+BRIGHT_SHARE = 0.4
+
+# Most steps of subspace iteration; from a sample of the pixels one or two do.
+STEPS = 6
+
+
+def represent(
+    stack: PhotometricStack,
+    kind: str = "rbf",
+    *,
+    color: str = "channels",
+    robust: bool = False,
+    order: int = 3,
+    interpolation: str = "auto",
+    components: int | None = None,
+    smoothing: float | None = None,
+    integration: str = "fourier",
+    differentiation: str = "fourier",
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Relightable:
+    """Fit a texture that can be relit to photographs of it under known lights.
+
+    Parameters
+    ----------
+    stack : PhotometricStack
+    kind : str
+        ``"3i"``: three of the photographs, those with lights nearest to slant 45° and tilts 0°, 90°, 180° (3 maps).
+        ``"gradient"``: scaled normals, Lambert's law (3). ``"ptm"``: polynomial texture maps (6). ``"eigen3"``, ``"eigen6"``:
+        principal images, coefficients interpolated linearly between the lights (3, 6). ``"height"``: the gradient's normals made
+        integrable, with their height map (3). Beyond the thesis: ``"hsh"``: hemispherical harmonics (4 or 9); ``"rbf"``: principal
+        images, coefficients interpolated smoothly, with smoothing and number chosen by cross-validation (up to 18).
+    color : {"channels", "luminance"}
+        Fit every channel; or Rec.709 luminance, with one chromaticity per pixel (a third of the maps).
+    robust : bool
+        Of ``"gradient"`` and ``"height"``: leave out the darkest quarter and the brightest two fifths of a pixel's values and
+        reweight the rest, so that shadows and highlights don't bend the normals. Needs 8 images.
+    order : {2, 3}
+        Of ``"hsh"``.
+    interpolation : {"auto", "grid", "triangles"}
+        Of the eigen kinds: bilinear in tilt and slant (eq. 4.4.16), which needs lights on a full grid; over triangles of lights;
+        or the grid where there is one. Outside the lights' hull coefficients stay what they are at its border.
+    components : int, optional
+        Of ``"rbf"``: number of maps.
+    smoothing : float, optional
+        Of ``"rbf"``: 0 passes through all photographs.
+    integration : {"fourier", "cosine"}
+        Of ``"height"``, see `height_from_gradients`.
+    differentiation : {"fourier", "forward"}
+        Of ``"height"``, see `gradients_from_height`.
+    device : str, optional
+        Where fits run, "cpu" or "cuda:0"; default CUDA if there is one.
+    progress : callable, optional
+        Called with the share done, from 0 to 1.
+
+    Returns
+    -------
+    Relightable
+        Pixels outside the stack's mask are 0.
+
+    Raises
+    ------
+    InputError
+        For an unknown kind, too few images, or lights that don't determine the maps.
+
+    Warns
+    -----
+    IntaglioWarning
+        If more than 5 % of the values are over- or underexposed.
+
+    Notes
+    -----
+    Fits run in double precision. Stacks on disk are read an image at a time; memory then holds the maps and three images. For
+    eigen kinds and ``"rbf"`` they are read four times or more (subspace iteration), robust fits read them once for every strip.
+
+    References
+    ----------
+    J. Dong, Three-dimensional Surface Texture Synthesis, PhD thesis, Heriot-Watt University 2003, section 4.4.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind {kind!r} is not known; known: {', '.join(KINDS)}")
+    if color not in ("channels", "luminance"):
+        raise InputError(f"color {color!r} is not known; 'channels' or 'luminance'")
+    if robust and kind not in ("gradient", "height"):
+        raise InputError(f"robust fitting is there for 'gradient' and 'height', not for {kind!r}")
+    device = device_or_error(device)
+    report = progress or (lambda share: None)
+    settings = Settings(order, interpolation, components, smoothing)
+    # Lights are checked before the long work.
+    if kind in LINEAR_KINDS[:4] or kind == "height":
+        fit_linear("gradient" if kind == "height" else kind, stack.lights, None, settings)
+    seen = Exposure()
+    if stack.in_memory:
+        for k in range(stack.shape[0]):
+            seen.add(stack, k, stack.image(k))
+        _warn_of_exposure(seen)
+    chroma = None
+    if color == "luminance" and stack.shape[3] == 3:
+        chroma = _chromaticity(stack)
+        stack = stack.luminance()
+    confidence = None
+    notes: tuple[str, ...] = ()
+    if robust:
+        maps, confidence = _robust_maps(stack, device, report)
+        fit = LinearFit(np.zeros((0, 3)), LambertBasis())
+    else:
+        first = "gradient" if kind == "height" else kind
+        fit = linear_fit(first, stack, settings, device, report)
+        notes = fit.notes
+        maps = combine(stack, fit.weights, device, report, None if stack.in_memory else seen)
+        if not stack.in_memory:
+            _warn_of_exposure(seen)
+    if stack.mask is not None:
+        maps[:, ~stack.mask] = 0
+    texture = Relightable("gradient" if kind == "height" else kind, maps, fit.basis, chroma, stack.mask, None, confidence, notes)
+    report(1.0)
+    return integrable(texture, integration, differentiation) if kind == "height" else texture
+
+
+def integrable(texture: Relightable, integration: str = "fourier", differentiation: str = "fourier") -> Relightable:
+    """Return kind ``"height"`` of kind ``"gradient"``: the normals of its integrated height map, with its albedo.
+
+    Heights are those of `height_from_gradients` and normals those of `gradients_from_height` (Dong, section 4.5.3).
+    """
+    maps = surface_maps(texture)
+    p, q = (np.where(maps.valid, g, 0) for g in (maps.p, maps.q))
+    height = height_from_gradients(p, q, method=integration)
+    p, q = gradients_from_height(height, method=differentiation)
+    normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(p * p + q * q + 1)
+    scaled = (normal[..., None] * maps.albedo[None]).astype(np.float32)
+    return replace(texture, kind="height", maps=scaled, height=height.astype(np.float32))
+
+
+def linear_fit(
+    kind: str, stack: PhotometricStack, settings: Settings, device: str = "cpu", progress: Progress | None = None
+) -> LinearFit:
+    """Return the weights and the basis of a linear kind for ``stack``."""
+    if kind not in ("eigen3", "eigen6", "rbf"):
+        return fit_linear(kind, stack.lights, None, settings)
+    report = progress or (lambda share: None)
+    fit = fit_linear(kind, stack.lights, stack_moments(stack), settings)
+    if stack.in_memory:
+        return fit
+    # The products came from a sample of the pixels. A step of subspace iteration takes V to Iᵀ(I V) of all of them, and
+    # shrinks what is wrong by the square of the ratio of the first singular value left out to the last one kept.
+    vectors = fit.weights
+    for _ in range(STEPS):
+        images = combine(stack, vectors, device, report)
+        turned = np.stack([_inner(stack, k, images) for k in range(stack.shape[0])])
+        _, rotation = np.linalg.eigh(vectors.T @ turned)
+        found, _ = np.linalg.qr(turned @ rotation[:, ::-1])
+        moved = np.linalg.norm(found - vectors @ (vectors.T @ found), ord=2)
+        vectors = found * np.where(found.sum(axis=0) < 0, -1, 1)
+        if moved < 1e-3:
+            break
+    if isinstance(fit.basis, RadialBasis):
+        old = fit.basis
+        basis: Basis = smooth(stack.lights, vectors, old.chart, old.kernel, old.trend, old.smoothing)
+    else:
+        basis = interpolate(stack.lights, vectors, settings.interpolation)
+    return replace(fit, weights=vectors, basis=basis)
+
+
+def stack_moments(stack: PhotometricStack) -> Moments:
+    """Return the stack's sums inside its mask: exact in memory, from every K-th row and column of a stack on disk."""
+    count = stack.shape[0]
+    if stack.in_memory:
+        gram, sums, number = np.zeros((count, count)), np.zeros(count), 0
+        for rows, strip in stack.strips():
+            values = _values(strip, stack.mask, rows)
+            gram += products(values)
+            sums += values.sum(axis=1, dtype=np.float64)
+            number += values.shape[1]
+        return Moments(gram, sums, number)
+    step = max(1, int(np.ceil(np.sqrt(count))))
+    sample = np.stack([stack.image(k)[::step, ::step] for k in range(count)])
+    mask = None if stack.mask is None else stack.mask[::step, ::step]
+    values = _values(sample, mask, slice(None))
+    if values.shape[1] == 0:
+        raise InputError("the mask leaves no pixels of the sample that principal images are found by; use a larger mask")
+    return Moments(products(values), values.sum(axis=1, dtype=np.float64), values.shape[1])
+
+
+def combine(
+    stack: PhotometricStack,
+    weights: Array,
+    device: str,
+    progress: Progress | None = None,
+    exposure: Exposure | None = None,
+) -> Array:
+    """Return maps (n, H, W, C): sums of the images with ``weights`` (K, n); counts their ``exposure`` on the way."""
+    count, height, width, channels = stack.shape
+    report = progress or (lambda share: None)
+    if stack.in_memory and exposure is None:
+        planes = np.asarray(stack.images).reshape(count, -1)
+        return weighted_sums(planes, weights.T, double=True, device=device).reshape(-1, height, width, channels)
+    maps = np.zeros((weights.shape[1], height * width * channels), np.float32)
+    for k in range(count):
+        image = stack.image(k)
+        if exposure is not None:
+            exposure.add(stack, k, image)
+        weighted_sums(image.reshape(1, -1), weights[k : k + 1].T, out=maps, add=True, double=True, device=device)
+        report((k + 1) / count)
+    return maps.reshape(-1, height, width, channels)
+
+
+def _inner(stack: PhotometricStack, k: int, maps: Array) -> Array:
+    """Return the inner products (n,) of image ``k`` with ``maps`` (n, H, W, C), inside the mask."""
+    image = stack.image(k)
+    if stack.mask is not None:
+        image = np.where(stack.mask[:, :, None], image, 0)
+    flat = image.reshape(-1)
+    return np.array([np.dot(flat, plane.reshape(-1)) for plane in maps], np.float64)
+
+
+def _values(strip: Array, mask: Array | None, rows: slice) -> Array:
+    """Return the values (K, P) of a strip (K, h, W, C) inside the mask."""
+    inside = strip if mask is None else strip[:, mask[rows]]
+    return np.ascontiguousarray(inside.reshape(len(strip), -1))
+
+
+def _chromaticity(stack: PhotometricStack) -> Array:
+    """Return colour over luminance (H, W, 3), from the sums over all images; grey where nothing is lit."""
+    total = np.zeros(stack.shape[1:], np.float64)
+    for k in range(stack.shape[0]):
+        total += stack.image(k)
+    luminance = total @ np.asarray(LUMINANCE)
+    chroma = total / np.where(luminance > 0, luminance, 1)[..., None]
+    lit = luminance > 1e-6 * max(float(luminance.max()), 1e-30)
+    return np.where(lit[..., None], chroma, 1).astype(np.float32)
+
+
+def _robust_maps(stack: PhotometricStack, device: str, report: Progress) -> tuple[Array, Array]:
+    """Return scaled normals (3, H, W, C) and confidence (H, W) of a robust fit, channel by channel."""
+    count, height, width, channels = stack.shape
+    if count < 8:
+        raise InputError(f"a robust fit needs at least 8 images, the stack has {count}; use robust=False")
+    dark, bright = robust_ranks(count)
+    maps = np.empty((3, height, width, channels), np.float32)
+    confidence = np.empty((height, width), np.float32)
+    for rows, strip in stack.strips():
+        values = strip.reshape(count, -1)
+        if stack.mask is not None:
+            values = np.where(np.repeat(stack.mask[rows].ravel(), channels), values, 0)
+        scaled, share = robust_normals(values, stack.lights, dark=dark, bright=bright, device=device)
+        maps[:, rows] = scaled.T.reshape(3, -1, width, channels)
+        confidence[rows] = share.reshape(-1, width, channels).mean(axis=2)
+        report(rows.stop / height)
+    if stack.mask is not None:
+        confidence[~stack.mask] = 0
+    return maps, confidence
+
+
+def robust_ranks(count: int) -> tuple[int, int]:
+    """Return how many of a pixel's smallest values robust fits leave out, and the rank of the largest they keep."""
+    dark, bright = int(DARK_SHARE * count), count - int(BRIGHT_SHARE * count)
+    # Three unknowns, and some values more to tell good from bad by.
+    while bright - dark < min(count, 6):
+        dark, bright = max(0, dark - 1), min(count, bright + 1)
+    return dark, bright
+
+
+def _warn_of_exposure(seen: Exposure) -> None:
+    over, under = seen.shares
+    if under >= 1:
+        raise InputError("the stack is black: no value is over 0")
+    for share, what in ((over, "overexposed"), (under, "black (at or under 0)")):
+        if share > MUCH_CLIPPED:
+            warnings.warn(f"{share:.0%} of the stack's values are {what}; fits there are not to be trusted", IntaglioWarning, 3)
