@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -13,6 +12,8 @@ import click
 import numpy as np
 
 import intaglio
+from intaglio.cli_options import Extent, Numbers, common, image_size, known_suffix, render_on, unless_given
+from intaglio.cli_photometric import assess, relight, represent
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError
 from intaglio.facts import image_facts, mesh_facts, stack_facts, system_facts
@@ -20,60 +21,27 @@ from intaglio.files import check_readable, check_writable
 from intaglio.images import IMAGE_SUFFIXES
 from intaglio.kernels.launch import start_quietly
 from intaglio.mesh_writing import WRITABLE
+from intaglio.photometric.reading import STACK_SUFFIXES
 from intaglio.progress import ProgressBar
 
 Array = np.ndarray
 
 
-class _Numbers(click.ParamType):
-    """Comma-separated numbers."""
-
-    name = "numbers"
-
-    def __init__(self, count: int | None = None) -> None:
-        self.count = count
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        try:
-            numbers = tuple(float(v) for v in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers like 0,0,1", param, ctx)
-        if not np.isfinite(numbers).all():
-            self.fail(f"{value!r} holds a number that is not finite", param, ctx)
-        if self.count is not None and len(numbers) != self.count:
-            self.fail(f"{value!r} has {len(numbers)} numbers where {self.count} are needed", param, ctx)
-        return numbers
-
-
-class _Extent(click.ParamType):
-    """whole, rectangle, holes, or comma-separated numbers."""
-
-    name = "extent"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...]:
-        if value in ("whole", "rectangle", "holes"):
-            return str(value)
-        numbers: tuple[float, ...] = _Numbers().convert(value, param, ctx)
-        return numbers
-
-
-def _common(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that every command has."""
-    command = click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one.")(command)
-    return click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits.")(command)
-
-
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(intaglio.__version__, prog_name="intaglio")
 def cli() -> None:
-    """Complete the fine surface texture of scanned objects, render it, and measure it."""
+    """Complete, represent and relight the fine surface texture of real objects, render it, and measure it."""
+
+
+for _command in (represent, relight, assess):
+    cli.add_command(_command)
 
 
 @cli.command(epilog="Example: intaglio complete scan.ply -o whole.ply --base sphere --rotations 12 --report whole.html")
 @click.argument("scan", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Mesh to write; PLY keeps provenance.")
 @click.option("--base", type=click.Choice(["auto", "plane", "cylinder", "sphere"]), default="auto", show_default=True)
-@click.option("--extent", type=_Extent(), default=None, help="whole, rectangle, holes, or numbers (low,high or u0,u1,v0,v1).")
+@click.option("--extent", type=Extent(), default=None, help="whole, rectangle, holes, or numbers (low,high or u0,u1,v0,v1).")
 @click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default 7. Cover the largest feature.")
 @click.option("--error", type=float, default=None, help="Largest accepted mean squared distance, in squared units.")
 @click.option("--rotations", type=int, default=1, show_default=True, help="Rotations tried; more for relief without direction.")
@@ -83,16 +51,16 @@ def cli() -> None:
 @click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
 @click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
 @click.option("--frames", type=click.Choice(["algebraic", "sweep", "reference"]), default=None, help="Local frames.")
-@click.option("--reference", type=_Numbers(3), default=None, help="x,y,z: global vector for --frames reference.")
+@click.option("--reference", type=Numbers(3), default=None, help="x,y,z: global vector for --frames reference.")
 @click.option("--factor", type=float, default=1.1, show_default=True, help="near-best: share of the least error.")
 @click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
 @click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
-@click.option("--view", type=_Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
+@click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
 @click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface, for the report.")
 @click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
-@_common
+@common
 def complete(
     scan: Path,
     output: Path,
@@ -109,14 +77,14 @@ def complete(
     """
     check_readable(scan)
     check_writable(output, inputs=(scan,) if truth is None else (scan, truth))
-    _known_suffix(output, WRITABLE, "mesh")
+    known_suffix(output, WRITABLE, "mesh")
     if report is not None:
         check_writable(report, inputs=(scan, output))
-        _known_suffix(report, (".html", ".htm"), "report")
+        known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
     surface = intaglio.read_surface(scan, view=view, repair=repair)
     if settings["metric"] == "surface" or settings["bootstrap"]:
-        settings["refine"] = _unless_given("refine", 0, settings["refine"])
+        settings["refine"] = unless_given("refine", 0, settings["refine"])
     start = time.perf_counter()
     try:
         with ProgressBar("completing") as bar:
@@ -145,8 +113,8 @@ def complete(
 @cli.command(epilog="Example: intaglio render whole.ply -o whole.png --direction 1,0.2,0.5 --slant 65")
 @click.argument("mesh", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write.")
-@click.option("--direction", type=_Numbers(3), default="0,0,1", show_default=True, help="x,y,z: from the object to the eye.")
-@click.option("--up", type=_Numbers(3), default="0,1,0", show_default=True)
+@click.option("--direction", type=Numbers(3), default="0,0,1", show_default=True, help="x,y,z: from the object to the eye.")
+@click.option("--up", type=Numbers(3), default="0,1,0", show_default=True)
 @click.option("--size", default="800x800", show_default=True, help="WIDTHxHEIGHT in pixels.")
 @click.option("--tilt", type=float, default=135.0, show_default=True, help="Light's direction in the picture, degrees.")
 @click.option("--slant", type=float, default=60.0, show_default=True, help="Light's angle from the line of sight, degrees.")
@@ -154,7 +122,7 @@ def complete(
 @click.option("--color/--clay", default=True, help="Use the mesh's colours, if it has any, or clay.")
 @click.option("--provenance", is_flag=True, help="Show the measured part in clay, the filled part in blue.")
 @click.option("--flat", is_flag=True, help="Shade facets.")
-@_common
+@common
 def render(
     mesh: Path,
     output: Path,
@@ -176,13 +144,13 @@ def render(
     from intaglio.render.view import CLAY
 
     check_writable(output, inputs=(mesh,))
-    _known_suffix(output, IMAGE_SUFFIXES, "image")
-    shape = _size(size)
+    known_suffix(output, IMAGE_SUFFIXES, "image")
+    shape = image_size(size)
     if not any(direction) or not any(up):
         raise InputError("--direction and --up must not be all zero")
     if not np.isfinite([tilt, slant]).all():
         raise InputError("--tilt and --slant must be finite numbers of degrees")
-    _render_on(device)
+    render_on(device)
     surface = intaglio.read_surface(mesh)
     used = np.unique(surface.faces)
     if len(used) == 0:
@@ -210,7 +178,7 @@ def render(
 @click.argument("image", type=click.Path(path_type=Path))
 @click.argument("reference", type=click.Path(path_type=Path))
 @click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Write FLIP's difference picture.")
-@_common
+@common
 def compare(image: Path, reference: Path, output: Path | None, seed: int, device: str | None) -> None:
     """Compare IMAGE with REFERENCE: rmse, PSNR, SSIM and FLIP."""
     from intaglio.render import compare as compare_images
@@ -219,7 +187,7 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
     device_or_error(device)
     if output is not None:
         check_writable(output, inputs=(image, reference))
-        _known_suffix(output, IMAGE_SUFFIXES, "image")
+        known_suffix(output, IMAGE_SUFFIXES, "image")
     first, second = (_opaque(intaglio.read_image(p)) for p in (image, reference))
     try:
         result = compare_images(first, second)
@@ -231,66 +199,32 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
         click.echo(f"wrote {output}")
 
 
-@cli.command(epilog="Example: intaglio info scan.ply")
+@cli.command(epilog="Example: intaglio info scan.ply capture.lp")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--repair", is_flag=True, help="Repair meshes on reading, and say what was done.")
-@_common
+@common
 def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -> None:
-    """Show versions, devices and the renderer's variant; or the facts of meshes and images."""
+    """Show versions, devices and the renderer's variant; or the facts of meshes, images, textures and photometric stacks."""
     device_or_error(device)
     if not files:
         for line in system_facts(device):
             click.echo(line)
     for path in files:
         suffix = path.suffix.lower()
-        check_readable(path)
+        if not path.is_dir():
+            check_readable(path)
         if suffix in WRITABLE:
             lines = mesh_facts(path, repair)
         elif suffix in IMAGE_SUFFIXES:
             lines = image_facts(path)
-        elif suffix == ".lp":
+        elif path.is_dir() or suffix in STACK_SUFFIXES:
             lines = stack_facts(path)
         else:
-            known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, ".lp"))
-            raise InputError(f"{path}: neither a mesh nor an image nor a stack's light positions ({known})")
+            known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, *STACK_SUFFIXES))
+            raise InputError(f"{path}: neither a mesh nor an image nor a stack's light positions ({known}, or its folder)")
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
-
-
-def _unless_given(name: str, fallback: int, value: int) -> int:
-    """Return ``value`` if the user gave the option, else ``fallback``."""
-    source = click.get_current_context().get_parameter_source(name)
-    return value if source is click.core.ParameterSource.COMMANDLINE else fallback
-
-
-def _known_suffix(path: Path, known: tuple[str, ...], what: str) -> None:
-    if path.suffix.lower() not in known:
-        raise InputError(f"{path}: unknown {what} type {path.suffix!r}; known: {', '.join(known)}")
-
-
-def _size(text: str) -> tuple[int, int]:
-    try:
-        width, height = (int(v) for v in text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"--size {text!r} is not WIDTHxHEIGHT, such as 800x600") from None
-    if not (1 <= width <= 16384 and 1 <= height <= 16384):
-        raise InputError(f"--size {text!r}: width and height must be from 1 to 16384 pixels")
-    return width, height
-
-
-def _render_on(device: str | None) -> None:
-    """Have the renderer use the device that was asked for, as far as it can."""
-    from intaglio.render.variant import usable_llvm, variant
-
-    if device is None:
-        return
-    on_cpu = device_or_error(device) == "cpu"
-    if on_cpu and variant().name.startswith("cuda"):
-        os.environ["INTAGLIO_VARIANT"] = "llvm_ad_rgb" if usable_llvm()[0] else "scalar_rgb"
-        variant.cache_clear()
-    if not on_cpu and not variant().name.startswith("cuda"):
-        raise InputError(f"--device {device}: the renderer has no CUDA here, it uses {variant().name}")
 
 
 def _opaque(image: Array) -> Array:

@@ -11,14 +11,19 @@ import warp as wp
 
 from intaglio.devices import device_or_error
 from intaglio.errors import IntaglioError
-from intaglio.images import IMAGE_SUFFIXES, read_image
+from intaglio.images import read_image
 from intaglio.kernels.launch import threads
-from intaglio.photometric.light_positions import read_light_positions
 from intaglio.mesh_reading import read_surface
+from intaglio.photometric.light_positions import read_light_positions, tilt_and_slant
+from intaglio.photometric.reading import read_stack
+from intaglio.photometric.report import polar_plot
+from intaglio.photometric.stack import Exposure
 from intaglio.relief.extent import sampling_distance
 from intaglio.relief.fit import fit_base
 from intaglio.render.variant import variant
 from intaglio.topology import border_loops, pieces, used_vertices
+
+Array = np.ndarray
 
 
 def system_facts(asked: str | None) -> list[str]:
@@ -78,18 +83,31 @@ def image_facts(path: Path) -> list[str]:
 
 
 def stack_facts(path: Path) -> list[str]:
-    """Return the lights of an .lp file, what is missing, and the facts of its first image."""
-    names, lights = read_light_positions(path)
-    missing = [n for n in names if not (path.parent / n).exists()]
-    slant = np.degrees(np.arccos(np.clip(lights[:, 2], -1, 1)))
-    tilt = np.degrees(np.arctan2(lights[:, 1], lights[:, 0])) % 360
-    lines = [
-        f"stack of {len(names)} images; light slant {slant.min():.1f} to {slant.max():.1f} degrees, "
-        f"tilt {tilt.min():.1f} to {tilt.max():.1f} degrees"
+    """Return number, size, lights on a polar plot, and exposure of a photometric stack; of lights alone, just those."""
+    try:
+        stack = read_stack(path, "linear")
+    except IntaglioError as problem:
+        if path.suffix.lower() != ".lp":
+            raise
+        _, lights = read_light_positions(path)
+        return [f"{len(lights)} lights", *_light_facts(lights), f"the images can't be read: {problem}"]
+    count, height, width, channels = stack.shape
+    seen = Exposure()
+    for k in range(count):
+        seen.add(stack, k, stack.image(k))
+    over, under = seen.shares
+    return [
+        f"stack of {count} images, {width} x {height} pixels, {channels} channel{'s' if channels > 1 else ''}",
+        *_light_facts(stack.lights),
+        f"overexposed {over:.2%}, black {under:.2%} of the values",
+        *stack.notes,
     ]
-    if missing:
-        lines.append(f"{len(missing)} images are not there, the first is {missing[0]}")
-    found = [n for n in names if n not in missing]
-    if found and Path(found[0]).suffix.lower() in IMAGE_SUFFIXES:
-        lines += [f"first image {found[0]}:", *(f"  {line}" for line in image_facts(path.parent / found[0]))]
-    return lines
+
+
+def _light_facts(lights: Array) -> list[str]:
+    tilt, slant = tilt_and_slant(lights)
+    return [
+        f"light slant {slant.min():.1f} to {slant.max():.1f} degrees, tilt {tilt.min():.1f} to {tilt.max():.1f} degrees",
+        "lights from above (rings at slants of 45 and 90 degrees):",
+        *(f"  {line}" for line in polar_plot(lights)),
+    ]

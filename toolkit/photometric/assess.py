@@ -16,7 +16,7 @@ from intaglio.photometric.represent import linear_fit, represent, stack_moments
 from intaglio.photometric.stack import PhotometricStack
 
 Array = np.ndarray
-Progress = Callable[[float], None]
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def assess_representation(
         the hat matrix, for ``"3i"`` and principal images from the products of the images, without a fit to any pixel; for
         ``"height"`` and robust fits every fit is made.
     progress : callable, optional
-        Called with the share done.
+        Called with how much is done, and of how much.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def assess_representation(
     if kind not in KINDS:
         raise InputError(f"kind {kind!r} is not known; known: {', '.join(KINDS)}")
     device = device_or_error(device)
-    report = progress or (lambda share: None)
+    report = progress or (lambda done, total: None)
     if kind not in LINEAR_KINDS or robust:
         options = {"robust": robust, "integration": integration, "differentiation": differentiation, "device": device}
         return _assess_by_fitting(stack, kind, leave_one_out, options, report)
@@ -113,7 +113,7 @@ def assess_representation(
         values = strip if stack.mask is None else strip[:, stack.mask[rows]]
         planes = np.ascontiguousarray(values.reshape(len(strip), -1))
         errors.add(planes, weighted_sums(planes, relit.T, floor=0.0, double=True, device=device))
-        report(rows.stop / stack.shape[1])
+        report(rows.stop, stack.shape[1])
     return errors.report(kind, leave_one_out, notes)
 
 
@@ -132,7 +132,7 @@ def _assess_by_fitting(
         if stack.mask is not None:
             original, relit = original[stack.mask], relit[stack.mask]
         errors.add(original.reshape(1, -1), relit.reshape(1, -1), slice(k, k + 1))
-        report((k + 1) / count)
+        report(k + 1, count)
     return errors.report(kind, leave_one_out, () if texture is None else texture.notes)
 
 

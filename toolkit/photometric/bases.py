@@ -6,6 +6,7 @@ A basis evaluates c(l) from the components of the light's unit vector with the f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -129,25 +130,25 @@ class HemisphericalBasis:
         return self.order**2
 
     def evaluate(self, x: Any, y: Any, z: Any, maths: Any) -> list[Any]:
-        """Return the terms in the order of RTI viewers: (l, m) = (0,0), (1,1), (1,0), (1,−1), (2,2), (2,1), (2,0), …"""
+        """Return the terms in the order of RTI viewers: (l, m) = (0,0), (1,1), (1,0), (1,−1), (2,2), (2,1) and so on."""
         z = maths.minimum(maths.maximum(z, 0.0), 1.0)
         across = maths.maximum(maths.sqrt(x * x + y * y), 1e-12)
         u, v = x / across, y / across
         r = maths.sqrt(maths.maximum(z - z * z, 0.0))
-        pi = np.pi
+        pi = math.pi
         terms = [
-            0 * x + 1 / np.sqrt(2 * pi),
-            np.sqrt(6 / pi) * u * r,
-            np.sqrt(3 / (2 * pi)) * (2 * z - 1),
-            np.sqrt(6 / pi) * v * r,
+            0 * x + 1 / math.sqrt(2 * pi),
+            math.sqrt(6 / pi) * u * r,
+            math.sqrt(3 / (2 * pi)) * (2 * z - 1),
+            math.sqrt(6 / pi) * v * r,
         ]
         if self.order == 3:
             terms += [
-                np.sqrt(30 / pi) * (u * u - v * v) * (z * z - z),
-                np.sqrt(30 / pi) * u * (2 * z - 1) * r,
-                np.sqrt(5 / (2 * pi)) * (1 - 6 * z + 6 * z * z),
-                np.sqrt(30 / pi) * v * (2 * z - 1) * r,
-                np.sqrt(30 / pi) * 2 * u * v * (z * z - z),
+                math.sqrt(30 / pi) * (u * u - v * v) * (z * z - z),
+                math.sqrt(30 / pi) * u * (2 * z - 1) * r,
+                math.sqrt(5 / (2 * pi)) * (1 - 6 * z + 6 * z * z),
+                math.sqrt(30 / pi) * v * (2 * z - 1) * r,
+                math.sqrt(30 / pi) * 2 * u * v * (z * z - z),
             ]
         return terms
 

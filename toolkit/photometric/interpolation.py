@@ -203,7 +203,7 @@ class RadialBasis:
     def evaluate(self, x: Any, y: Any, z: Any, maths: Any) -> list[Any]:
         """Return the sums."""
         here = chart(self.chart, x, y, z, maths)
-        there = chart(self.chart, *self.lights.T, NumpyMaths)
+        there = chart(self.chart, self.lights[:, 0], self.lights[:, 1], self.lights[:, 2], NumpyMaths)
         trend = trend_of(self.trend, self.chart, x, y, z, maths)
         result = [sum(float(v) * t for v, t in zip(d, trend, strict=True)) for d in self.drift.T]
         for i in range(len(self.lights)):
@@ -268,7 +268,7 @@ def triangulate(lights: Array, table: Array, ring: int = 24) -> TriangleBasis:
     InputError
         If the lights are fewer than three or all in one plane with the sample's centre.
     """
-    chart_of = np.stack(chart("stereographic", *lights.T, NumpyMaths), axis=1)
+    chart_of = np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
     if len(lights) < 3 or np.linalg.matrix_rank(chart_of - chart_of.mean(axis=0), tol=1e-6) < 2:
         raise InputError("the lights lie on one line of the hemisphere; interpolation between them needs lights around it")
     hull = Delaunay(chart_of)
@@ -276,7 +276,7 @@ def triangulate(lights: Array, table: Array, ring: int = 24) -> TriangleBasis:
     # Slant 100°: the polygon of the ring's nodes encloses the whole hemisphere.
     low = np.radians(100)
     ghosts = np.stack([np.cos(angle) * np.sin(low), np.sin(angle) * np.sin(low), np.full(ring, np.cos(low))], axis=1)
-    points = np.stack(chart("stereographic", *ghosts.T, NumpyMaths), axis=1)
+    points = np.stack(chart("stereographic", ghosts[:, 0], ghosts[:, 1], ghosts[:, 2], NumpyMaths), axis=1)
     edges = hull.convex_hull
     held = np.empty((ring, table.shape[1]))
     for g, point in enumerate(points):
@@ -328,9 +328,9 @@ def smooth_matrix(lights: Array, chart_name: str, kernel: str, trend: str, smoot
     used : list of int
         Which functions D holds.
     """
-    places = np.stack(chart(chart_name, *lights.T, NumpyMaths), axis=1)
+    places = np.stack(chart(chart_name, lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
     squared = ((places[:, None] - places[None]) ** 2).sum(axis=2)
-    full = np.stack(trend_of(trend, chart_name, *lights.T, NumpyMaths), axis=1)
+    full = np.stack(trend_of(trend, chart_name, lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
     used: list[int] = []
     for c in range(full.shape[1]):
         values = np.linalg.svd(full[:, [*used, c]], compute_uv=False)
@@ -349,6 +349,6 @@ def smooth(lights: Array, table: Array, chart_name: str, kernel: str, trend: str
     system, used = smooth_matrix(lights, chart_name, kernel, trend, smoothing)
     right = np.concatenate([table, np.zeros((len(used), table.shape[1]))])
     solution = np.linalg.solve(system, right)
-    drift = np.zeros((len(trend_of(trend, chart_name, *lights.T, NumpyMaths)), table.shape[1]))
+    drift = np.zeros((len(trend_of(trend, chart_name, lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths)), table.shape[1]))
     drift[np.array(used, int)] = solution[len(lights) :]
     return RadialBasis(lights, solution[: len(lights)], drift, chart_name, kernel, trend, smoothing)

@@ -14,7 +14,7 @@ from intaglio.files import check_readable
 Array = np.ndarray
 
 
-def direction(tilt: float, slant: float) -> Array:
+def light_direction(tilt: float, slant: float) -> Array:
     """Return the unit vector (cos τ sin σ, sin τ sin σ, cos σ) towards a light of ``tilt`` τ and ``slant`` σ, in degrees."""
     t, s = np.radians(tilt), np.radians(slant)
     return np.array([np.cos(t) * np.sin(s), np.sin(t) * np.sin(s), np.cos(s)])
@@ -107,7 +107,7 @@ def read_lights_csv(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
             numbers = []
         if len(numbers) not in (2, 3) or not np.isfinite(numbers).all() or (len(numbers) == 3 and not any(numbers)):
             raise InputError(f"{path}: row {number} is not 'image, tilt, slant' or 'image, x, y, z': {', '.join(row)!r}")
-        vector = direction(*numbers) if len(numbers) == 2 else np.array(numbers)
+        vector = light_direction(*numbers) if len(numbers) == 2 else np.array(numbers)
         names.append(row[0].replace("\\", "/"))
         lights.append(vector / np.linalg.norm(vector))
     if not names:

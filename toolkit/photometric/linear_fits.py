@@ -24,7 +24,7 @@ from intaglio.photometric.bases import (
     need_rank,
 )
 from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, interpolate, smooth, smooth_matrix
-from intaglio.photometric.light_positions import direction
+from intaglio.photometric.light_positions import light_direction
 
 Array = np.ndarray
 
@@ -189,7 +189,7 @@ def _three_images(lights: Array) -> LinearFit:
     """Take the photographs whose lights are nearest to slant 45° and tilts 0°, 90° and 180°."""
     if len(lights) < 3:
         raise InputError(f"kind '3i' needs 3 images, the stack has {len(lights)}")
-    wanted = np.stack([direction(tilt, 45.0) for tilt in (0.0, 90.0, 180.0)])
+    wanted = np.stack([light_direction(tilt, 45.0) for tilt in (0.0, 90.0, 180.0)])
     away = np.arccos(np.clip(wanted @ lights.T, -1, 1))
     _, chosen = linear_sum_assignment(away)
     basis = ThreeImageBasis(np.ascontiguousarray(lights[chosen]))

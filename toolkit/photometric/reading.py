@@ -23,6 +23,7 @@ Array = np.ndarray
 # Stacks up to this many bytes are held in memory as float32.
 MEMORY_BYTES = 1 << 31
 
+STACK_SUFFIXES = (".lp", ".csv", ".txt")
 _LIGHT_FILES = ("lights.csv", "light_directions.txt", "lights.txt")
 
 

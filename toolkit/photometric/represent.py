@@ -20,7 +20,7 @@ from intaglio.photometric.relightable import KINDS, Relightable
 from intaglio.photometric.stack import LUMINANCE, Exposure, PhotometricStack
 
 Array = np.ndarray
-Progress = Callable[[float], None]
+Progress = Callable[[int, int], None]
 
 # More than this share of values at the end of the range is worth a warning.
 MUCH_CLIPPED = 0.05
@@ -57,8 +57,8 @@ def represent(
         ``"3i"``: three of the photographs, those with lights nearest to slant 45° and tilts 0°, 90°, 180° (3 maps).
         ``"gradient"``: scaled normals, Lambert's law (3). ``"ptm"``: polynomial texture maps (6). ``"eigen3"``, ``"eigen6"``:
         principal images, coefficients interpolated linearly between the lights (3, 6). ``"height"``: the gradient's normals made
-        integrable, with their height map (3). Beyond the thesis: ``"hsh"``: hemispherical harmonics (4 or 9); ``"rbf"``: principal
-        images, coefficients interpolated smoothly, with smoothing and number chosen by cross-validation (up to 18).
+        integrable, with their height map (3). Beyond the thesis: ``"hsh"``: hemispherical harmonics (4 or 9); ``"rbf"``:
+        principal images, coefficients interpolated smoothly, with smoothing and number chosen by cross-validation (up to 18).
     color : {"channels", "luminance"}
         Fit every channel; or Rec.709 luminance, with one chromaticity per pixel (a third of the maps).
     robust : bool
@@ -80,7 +80,7 @@ def represent(
     device : str, optional
         Where fits run, "cpu" or "cuda:0"; default CUDA if there is one.
     progress : callable, optional
-        Called with the share done, from 0 to 1.
+        Called with how much is done, and of how much.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def represent(
     if robust and kind not in ("gradient", "height"):
         raise InputError(f"robust fitting is there for 'gradient' and 'height', not for {kind!r}")
     device = device_or_error(device)
-    report = progress or (lambda share: None)
+    report = progress or (lambda done, total: None)
     settings = Settings(order, interpolation, components, smoothing)
     # Lights are checked before the long work.
     if kind in LINEAR_KINDS[:4] or kind == "height":
@@ -142,7 +142,6 @@ def represent(
     if stack.mask is not None:
         maps[:, ~stack.mask] = 0
     texture = Relightable("gradient" if kind == "height" else kind, maps, fit.basis, chroma, stack.mask, None, confidence, notes)
-    report(1.0)
     return integrable(texture, integration, differentiation) if kind == "height" else texture
 
 
@@ -157,7 +156,7 @@ def integrable(texture: Relightable, integration: str = "fourier", differentiati
     p, q = gradients_from_height(height, method=differentiation)
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(p * p + q * q + 1)
     scaled = (normal[..., None] * maps.albedo[None]).astype(np.float32)
-    return replace(texture, kind="height", maps=scaled, height=height.astype(np.float32))
+    return replace(texture, kind="height", maps=scaled, chroma=None, height=height.astype(np.float32))
 
 
 def linear_fit(
@@ -166,7 +165,7 @@ def linear_fit(
     """Return the weights and the basis of a linear kind for ``stack``."""
     if kind not in ("eigen3", "eigen6", "rbf"):
         return fit_linear(kind, stack.lights, None, settings)
-    report = progress or (lambda share: None)
+    report = progress or (lambda done, total: None)
     fit = fit_linear(kind, stack.lights, stack_moments(stack), settings)
     if stack.in_memory:
         return fit
@@ -219,7 +218,7 @@ def combine(
 ) -> Array:
     """Return maps (n, H, W, C): sums of the images with ``weights`` (K, n); counts their ``exposure`` on the way."""
     count, height, width, channels = stack.shape
-    report = progress or (lambda share: None)
+    report = progress or (lambda done, total: None)
     if stack.in_memory and exposure is None:
         planes = np.asarray(stack.images).reshape(count, -1)
         return weighted_sums(planes, weights.T, double=True, device=device).reshape(-1, height, width, channels)
@@ -229,7 +228,7 @@ def combine(
         if exposure is not None:
             exposure.add(stack, k, image)
         weighted_sums(image.reshape(1, -1), weights[k : k + 1].T, out=maps, add=True, double=True, device=device)
-        report((k + 1) / count)
+        report(k + 1, count)
     return maps.reshape(-1, height, width, channels)
 
 
@@ -274,7 +273,7 @@ def _robust_maps(stack: PhotometricStack, device: str, report: Progress) -> tupl
         scaled, share = robust_normals(values, stack.lights, dark=dark, bright=bright, device=device)
         maps[:, rows] = scaled.T.reshape(3, -1, width, channels)
         confidence[rows] = share.reshape(-1, width, channels).mean(axis=2)
-        report(rows.stop / height)
+        report(rows.stop, height)
     if stack.mask is not None:
         confidence[~stack.mask] = 0
     return maps, confidence

@@ -280,4 +280,3 @@ def _mixed(image: Array, weights: tuple[float, ...]) -> Array:
 
 def _size(shape: Sequence[int]) -> str:
     return f"{shape[1]} x {shape[0]} pixels with {shape[2]} channel{'s' if shape[2] > 1 else ''}"
-

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from intaglio.files import whole_file
+from intaglio.html_page import listing, picture_row, write_page
 from intaglio.relief.assess import ReliefReport, assess_relief
 from intaglio.relief.pictures import clay_pictures, difference_pictures, fixed_cameras, provenance_pictures, viewpoints
 from intaglio.render.compare import encode_srgb
@@ -19,13 +16,6 @@ from intaglio.surface import Surface
 
 Array = np.ndarray
 
-_STYLE = """
-body{font:16px/1.5 system-ui,sans-serif;max-width:1040px;margin:2em auto;padding:0 1em;color:#222;background:#fff}
-h1{font-size:1.6em;margin-bottom:0}h2{font-size:1.15em;margin:2em 0 .4em;border-bottom:1px solid #ddd}
-.row{display:flex;gap:12px;flex-wrap:wrap}.row figure{margin:0;flex:1 1 300px}.row img{width:100%;display:block}
-figcaption{font-size:.85em;color:#555}table{border-collapse:collapse}td,th{padding:.25em .9em .25em 0;text-align:left;
-border-bottom:1px solid #eee;vertical-align:top}th{font-weight:600}li{margin:.15em 0}svg{max-width:100%}
-"""
 SCAN, COMPLETED, TRUTH = "The scan", "Completed", "The truth"
 _MEASURED, _FILLED = "#a5855a", "#3b6ea5"
 
@@ -75,24 +65,12 @@ def write_relief_report(
     if pictures is None:
         pictures = relief_pictures(surface, report, scan=scan, truth=truth, size=size)
     names = [name for name, _, _ in viewpoints(surface)]
-    body = [f"<h1>{html.escape(title)}</h1>"]
-    for heading, images in pictures.items():
-        figures = "".join(
-            f'<figure><img alt="{html.escape(heading)}, {html.escape(name)}" src="{_inline(image)}">'
-            f"<figcaption>{html.escape(name)}</figcaption></figure>"
-            for name, image in zip(names, images, strict=True)
-        )
-        body.append(f"<h2>{html.escape(heading)}</h2><div class=row>{figures}</div>")
-    body.append("<h2>Figures</h2><ul>" + "".join(f"<li>{html.escape(x)}</li>" for x in [*report.lines(), *extra]) + "</ul>")
+    body = [picture_row(heading, dict(zip(names, images, strict=True))) for heading, images in pictures.items()]
+    body.append(listing("Figures", [*report.lines(), *extra]))
     body.append("<h2>Distributions</h2><div class=row>" + _distributions(report, surface) + "</div>")
     if surface.notes:
-        body.append("<h2>What was chosen</h2><ul>" + "".join(f"<li>{html.escape(n)}</li>" for n in surface.notes) + "</ul>")
-    page = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>{"".join(body)}</body></html>'
-    )
-    with whole_file(Path(path)) as beside:
-        beside.write_text(page, encoding="utf-8")
+        body.append(listing("What was chosen", surface.notes))
+    write_page(path, title, body)
     return report
 
 
@@ -175,11 +153,3 @@ def _plot(x: Array, curves: list[Array], label: str, left: str, right: str) -> s
         f'<text x="310" y="12" text-anchor="end" fill="{_MEASURED}">measured</text>'
         f'<text x="310" y="25" text-anchor="end" fill="{_FILLED}">filled</text></g></svg>'
     )
-
-
-def _inline(image: Array) -> str:
-    from PIL import Image
-
-    buffer = io.BytesIO()
-    Image.fromarray(np.round(encode_srgb(image) * 255).astype(np.uint8)).save(buffer, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -1,0 +1,201 @@
+"""Polynomial texture map files (.ptm, version 1.2).
+
+The header is text: version, format, width, height, six scales and six biases; in JPEG formats also a line each of the
+streams' transforms, motion vectors, order, reference planes, sizes and sizes of side information. Rows go from bottom to
+top, a pixel's six coefficients are in the order x², y², xy, x, y, 1, and stand for (byte − bias) × scale, for intensities
+from 0 to 255. LRGB files hold the polynomial of a luminance, and a colour per pixel that it is multiplied with.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.errors import FileError
+from intaglio.files import check_readable, whole_file
+from intaglio.photometric.bases import PolynomialBasis, coefficients
+from intaglio.photometric.relightable import Relightable
+
+Array = np.ndarray
+
+_STREAMS = {"PTM_FORMAT_JPEG_RGB": 18, "PTM_FORMAT_JPEG_LRGB": 9}
+
+
+def write_ptm(texture: Relightable, path: str | os.PathLike[str]) -> None:
+    """Write an uncompressed .ptm: LRGB if the texture is grey or has a chromaticity, else RGB.
+
+    Kinds other than ``"ptm"`` are written as the polynomial nearest to them over the hemisphere. Coefficients are rounded to
+    256 levels each. Viewers show the values as they are; of a texture fitted to linear values the picture looks dark in them,
+    so fit to the photographs as they are stored (``read_stack(path, "linear")``) for .ptm viewers.
+    """
+    maps = polynomial_maps(texture) * 255.0
+    if texture.chroma is not None or maps.shape[3] == 1:
+        chroma = np.ones((*maps.shape[1:3], 3)) if texture.chroma is None else texture.chroma.astype(np.float64)
+        # The brightest channel of a pixel gets all 255 levels; the luminance takes the factor.
+        peak = np.maximum(chroma.max(axis=2), 1e-12)
+        maps = maps * peak[None, :, :, None]
+        color = np.round(255 * np.clip(chroma / peak[..., None], 0, 1)).astype(np.uint8)
+        blocks, name = [maps[..., 0]], "PTM_FORMAT_LRGB"
+    else:
+        color = None
+        blocks, name = [maps[..., c] for c in range(3)], "PTM_FORMAT_RGB"
+    low = np.minimum(np.min([b.min(axis=(1, 2)) for b in blocks], axis=0), 0)
+    high = np.maximum(np.max([b.max(axis=(1, 2)) for b in blocks], axis=0), 0)
+    # One level is kept for rounding the bias up to a whole number; the header has six digits of the scale.
+    scale = np.array([float(f"{s:.6f}") + 1e-6 for s in np.maximum((high - low) / 254, 1e-6)])
+    bias = np.ceil(-low / scale).astype(int)
+    header = [
+        "PTM_1.2",
+        name,
+        str(maps.shape[2]),
+        str(maps.shape[1]),
+        " ".join(f"{s:.6f}" for s in scale),
+        " ".join(str(b) for b in bias),
+    ]
+    with whole_file(path) as beside, open(beside, "wb") as file:
+        file.write(("\n".join(header) + "\n").encode())
+        for block in blocks:
+            levels = np.clip(np.round(block / scale[:, None, None] + bias[:, None, None]), 0, 255).astype(np.uint8)
+            file.write(np.ascontiguousarray(np.moveaxis(levels, 0, 2)[::-1]).tobytes())
+        if color is not None:
+            file.write(np.ascontiguousarray(color[::-1]).tobytes())
+
+
+def polynomial_maps(texture: Relightable) -> Array:
+    """Return the six maps (6, H, W, C) float64 of the polynomial nearest to a texture: its own, for kind ``"ptm"``."""
+    if isinstance(texture.basis, PolynomialBasis):
+        return texture.maps.astype(np.float64)
+    count = 200
+    z = 1 - (np.arange(count) + 0.5) / count * (1 - np.cos(np.radians(80)))
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    across = np.sqrt(1 - z * z)
+    lights = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    to_polynomial = np.linalg.lstsq(coefficients(PolynomialBasis(), lights), coefficients(texture.basis, lights), rcond=None)[0]
+    return np.tensordot(to_polynomial, texture.maps.astype(np.float64), axes=1)
+
+
+def read_ptm(path: str | os.PathLike[str]) -> Relightable:
+    """Read a .ptm of format RGB, LRGB, JPEG_RGB or JPEG_LRGB.
+
+    Returns
+    -------
+    Relightable
+        Of kind ``"ptm"``; values are the file's over 255, as they are stored.
+
+    Raises
+    ------
+    FileError
+        If the file is no PTM_1.2, of another format, or truncated.
+    """
+    path = check_readable(path)
+    content = path.read_bytes()
+    reader = _Header(path, content)
+    if reader.line() != "PTM_1.2":
+        raise FileError(f"{path}: is no PTM_1.2 file")
+    name = reader.line()
+    known = ("PTM_FORMAT_RGB", "PTM_FORMAT_LRGB", *_STREAMS)
+    if name not in known:
+        raise FileError(f"{path}: format {name!r} can't be read; known: {', '.join(known)}")
+    width, height = (int(v) for v in reader.numbers(2))
+    if not (0 < width <= 65536 and 0 < height <= 65536):
+        raise FileError(f"{path}: gives a size of {width} x {height} pixels")
+    scale, bias = np.array(reader.numbers(6)), np.array(reader.numbers(6))
+    if name in _STREAMS:
+        planes = _jpeg_planes(reader, _STREAMS[name], (height, width))
+    else:
+        planes = _raw_planes(reader, name, (height, width))
+    planes = planes[:, ::-1]
+    parts = [planes[6 * c : 6 * c + 6] for c in range(len(planes) // 6)]
+    maps = np.stack([(part - bias[:, None, None]) * scale[:, None, None] / 255 for part in parts], axis=-1)
+    chroma = np.moveaxis(planes[6:9], 0, 2).astype(np.float32) / 255 if name.endswith("LRGB") else None
+    return Relightable("ptm", maps.astype(np.float32), PolynomialBasis(), chroma)
+
+
+class _Header:
+    """Reads a .ptm's text, then its bytes."""
+
+    def __init__(self, path: Path, content: bytes) -> None:
+        self.path, self.content, self.position = path, content, 0
+
+    def line(self) -> str:
+        """Return the next line."""
+        end = self.content.find(b"\n", self.position)
+        if end < 0:
+            raise FileError(f"{self.path}: the file ends in its header")
+        text = self.content[self.position : end].decode("ascii", "replace").strip()
+        self.position = end + 1
+        return text
+
+    def numbers(self, count: int) -> list[float]:
+        """Return the next ``count`` numbers, over as many lines as they take."""
+        found: list[float] = []
+        while len(found) < count:
+            line = self.line()
+            try:
+                found += [float(word) for word in line.split()]
+            except ValueError:
+                raise FileError(f"{self.path}: has {line[:40]!r} where numbers should be") from None
+        if len(found) > count:
+            raise FileError(f"{self.path}: has {len(found)} numbers where {count} should be")
+        return found
+
+    def take(self, size: int) -> bytes:
+        """Return the next ``size`` bytes."""
+        if self.position + size > len(self.content):
+            raise FileError(f"{self.path}: is truncated: {self.position + size - len(self.content)} bytes are missing")
+        part = self.content[self.position : self.position + size]
+        self.position += size
+        return part
+
+
+def _raw_planes(reader: _Header, name: str, shape: tuple[int, int]) -> Array:
+    """Return (18 or 9, H, W) levels: blocks of six coefficients a pixel, then of three colours."""
+    height, width = shape
+    planes = []
+    for size in (6, 6, 6) if name == "PTM_FORMAT_RGB" else (6, 3):
+        block = np.frombuffer(reader.take(height * width * size), np.uint8).reshape(height, width, size)
+        planes.append(np.moveaxis(block, 2, 0))
+    return np.concatenate(planes)
+
+
+def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
+    """Return (count, H, W) levels of JPEG streams, some of which hold the difference from another plane.
+
+    Streams are decoded in the order given. A plane with a reference is stream + reference − 128 (the reference inverted
+    first, if the plane's transform is 1), modulo 256; side information then overwrites single pixels.
+    """
+    from PIL import Image
+
+    reader.numbers(1)
+    transforms = reader.numbers(count)
+    motion = reader.numbers(count) + reader.numbers(count)
+    order, reference, sizes, side = (np.array(reader.numbers(count), int) for _ in range(4))
+    if any(motion):
+        raise FileError(f"{reader.path}: uses motion compensation, which can't be read")
+    if sorted(order) != list(range(count)) or (reference >= count).any() or (sizes < 0).any() or (side < 0).any():
+        raise FileError(f"{reader.path}: its lines of order, references or sizes make no sense")
+    planes = np.empty((count, *shape), np.uint8)
+    extra: list[bytes] = []
+    for i in range(count):
+        try:
+            with Image.open(io.BytesIO(reader.take(int(sizes[i])))) as image:
+                plane = np.asarray(image.convert("L"))
+        except OSError as error:
+            raise FileError(f"{reader.path}: stream {i} is no readable JPEG ({error})") from error
+        if plane.shape != shape:
+            raise FileError(f"{reader.path}: stream {i} is {plane.shape[1]} x {plane.shape[0]}, not {shape[1]} x {shape[0]}")
+        planes[i] = plane
+        extra.append(reader.take(int(side[i])))
+    for i in np.argsort(order):
+        if reference[i] >= 0:
+            other = planes[reference[i]].astype(np.int16)
+            predicted = 255 - other if int(transforms[i]) & 1 else other
+            planes[i] = ((planes[i].astype(np.int16) + predicted - 128) % 256).astype(np.uint8)
+        entries = np.frombuffer(extra[i][: len(extra[i]) // 5 * 5], np.uint8).reshape(-1, 5).astype(np.int64)
+        where = (entries[:, :4] * np.array([1 << 24, 1 << 16, 1 << 8, 1])).sum(axis=1)
+        inside = where < planes[i].size
+        planes[i].reshape(-1)[where[inside]] = entries[inside, 4]
+    return planes

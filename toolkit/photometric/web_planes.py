@@ -1,0 +1,168 @@
+"""The planes of web RTI viewers (relight, OpenLIME): ``info.json`` beside ``plane_0.jpg``, ``plane_1.jpg`` and so on.
+
+A JPEG holds three coefficient planes; a coefficient is (level / 255 − bias) × scale. Types: ``ptm`` with the terms in the order
+1, x, y, x², xy, y²; ``hsh``; and ``rbf``, where the coefficients of a plane per light and colour channel are a table that the
+viewer interpolates by Gaussians about the lights. Any texture can be written as ``rbf``: the table is filled from its basis
+at lights spread over the hemisphere.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.errors import FileError
+from intaglio.files import whole_file
+from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
+from intaglio.photometric.ptm_file import polynomial_maps
+from intaglio.photometric.relightable import Relightable
+
+Array = np.ndarray
+
+# The viewer's Gaussian weight is exp(−d² / sigma²): lights are spread about as far apart as it is wide.
+SIGMA = 0.125
+NODES = 420
+
+TILE = 256
+
+
+def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tiles: bool = False, quality: int = 95) -> list[Path]:
+    """Write a texture for web RTI viewers.
+
+    Parameters
+    ----------
+    texture : Relightable
+        Kind ``"ptm"`` is written as type ptm (colourspace lrgb where it has a chromaticity), ``"hsh"`` as hsh, all others as rbf.
+    path : path
+        ``info.json``, whatever its name; planes and, for rbf, ``materials.bin`` go beside it.
+    tiles : bool
+        Write Deep Zoom pyramids (``plane_0.dzi``, ``plane_0_files/``) instead of whole planes: for large textures, viewer
+        layout "deepzoom".
+    quality : int
+        Of JPEG, 1 to 95.
+
+    Returns
+    -------
+    list of Path
+        The files written, ``info.json`` last.
+
+    Notes
+    -----
+    Viewers show the values as they are: fit to the photographs as stored. They light hemispherical harmonics no lower than a
+    slant of 61 degrees.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".json":
+        raise FileError(f"{path}: the file of web planes is called info.json")
+    planes, described, table = _planes(texture)
+    low, high = planes.min(axis=(1, 2)), planes.max(axis=(1, 2))
+    scale = np.where(high > low, high - low, 1.0)
+    missing = -len(planes) % 3
+    info = {
+        "width": int(planes.shape[2]),
+        "height": int(planes.shape[1]),
+        "format": "jpg",
+        **described,
+        "nplanes": len(planes),
+        "materials": [{"scale": [float(s) for s in scale], "bias": [float(b) for b in -low / scale]}],
+    }
+    written: list[Path] = []
+    padded = np.concatenate([planes, np.zeros((missing, *planes.shape[1:]))])
+    full_low, full_scale = np.append(low, np.zeros(missing)), np.append(scale, np.ones(missing))
+    for j in range(len(padded) // 3):
+        part = slice(3 * j, 3 * j + 3)
+        levels = (padded[part] - full_low[part, None, None]) / full_scale[part, None, None]
+        image = np.moveaxis(np.round(255 * np.clip(levels, 0, 1)).astype(np.uint8), 0, 2)
+        written += _write_tiles(image, path.parent, j, quality) if tiles else _write_whole(image, path.parent, j, quality)
+    if table is not None:
+        spread = np.maximum(np.abs(table).max(axis=(1, 2)), 1e-12)
+        # Level 0 of the table is the mean image per light, which is part of the planes here.
+        levels = np.round(127 + 127 * table / spread[:, None, None]).astype(np.uint8)
+        whole = np.concatenate([np.zeros((1, *table.shape[1:]), np.uint8), levels])
+        info["materials"][0]["range"] = [float(127 / s) for s in spread]  # type: ignore[index]
+        info["basis"] = whole.ravel().tolist()
+        with whole_file(path.parent / "materials.bin") as beside:
+            beside.write_bytes(whole.tobytes())
+        written.append(path.parent / "materials.bin")
+    with whole_file(path) as beside:
+        beside.write_text(json.dumps(info), encoding="utf-8")
+    return [*written, path]
+
+
+def _planes(texture: Relightable) -> tuple[Array, dict[str, object], Array | None]:
+    """Return coefficient planes (N, H, W), what info.json says of them, and for rbf the table (N, nodes, 3)."""
+    if isinstance(texture.basis, PolynomialBasis):
+        maps = polynomial_maps(texture)[[5, 3, 4, 0, 2, 1]]
+        if texture.chroma is not None:
+            chroma = texture.chroma.astype(np.float64)
+            peak = np.maximum(chroma.max(axis=2), 1e-12)
+            planes = np.concatenate([np.moveaxis(chroma / peak[..., None], 2, 0), maps[..., 0] * peak])
+            # The colours come first and are not scaled.
+            return planes, {"type": "ptm", "colorspace": "lrgb"}, None
+        return _by_channel(maps), {"type": "ptm", "colorspace": "rgb"}, None
+    maps = texture.color_maps().astype(np.float64)
+    if isinstance(texture.basis, HemisphericalBasis):
+        return _by_channel(maps), {"type": "hsh", "colorspace": "rgb"}, None
+    count = np.arange(NODES) + 0.5
+    z = np.maximum(1 - count / NODES, 0.02)
+    angle = np.pi * (3 - np.sqrt(5)) * count
+    across = np.sqrt(1 - z * z)
+    nodes = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    values = coefficients(texture.basis, nodes)
+    channels = maps.shape[3]
+    planes = np.moveaxis(maps, 3, 1).reshape(-1, *maps.shape[1:3])
+    table = np.zeros((len(planes), NODES, 3))
+    for j in range(values.shape[1]):
+        for c in range(channels):
+            which = slice(None) if channels == 1 else slice(c, c + 1)
+            table[j * channels + c, :, which] = values[:, j : j + 1]
+    described = {"type": "rbf", "colorspace": "mrgb", "sigma": SIGMA, "lights": [round(float(v), 6) for v in nodes.ravel()]}
+    return planes, described, table
+
+
+def _by_channel(maps: Array) -> Array:
+    """Return (3n, H, W): red, green and blue of coefficient 0, then of 1, and so on."""
+    three = np.repeat(maps, 3, axis=3) if maps.shape[3] == 1 else maps
+    return np.moveaxis(three, 3, 1).reshape(-1, *maps.shape[1:3])
+
+
+def _write_whole(image: Array, folder: Path, j: int, quality: int) -> list[Path]:
+    from PIL import Image
+
+    path = folder / f"plane_{j}.jpg"
+    with whole_file(path) as beside:
+        Image.fromarray(image).save(beside, "JPEG", quality=quality, subsampling=0)
+    return [path]
+
+
+def _write_tiles(image: Array, folder: Path, j: int, quality: int) -> list[Path]:
+    """Write one plane as a Deep Zoom pyramid without overlap: level 0 is one pixel, every level doubles."""
+    from PIL import Image
+
+    height, width = image.shape[:2]
+    levels = int(np.ceil(np.log2(max(height, width)))) if max(height, width) > 1 else 0
+    written: list[Path] = []
+    for level in range(levels + 1):
+        step = 2 ** (levels - level)
+        size = -(-width // step), -(-height // step)
+        small = Image.fromarray(image) if step == 1 else Image.fromarray(image).resize(size, Image.Resampling.BOX)
+        below = folder / f"plane_{j}_files" / str(level)
+        below.mkdir(parents=True, exist_ok=True)
+        for y in range(0, size[1], TILE):
+            for x in range(0, size[0], TILE):
+                path = below / f"{x // TILE}_{y // TILE}.jpg"
+                box = (x, y, min(x + TILE, size[0]), min(y + TILE, size[1]))
+                with whole_file(path) as beside:
+                    small.crop(box).save(beside, "JPEG", quality=quality, subsampling=0)
+    path = folder / f"plane_{j}.dzi"
+    with whole_file(path) as beside:
+        beside.write_text(
+            '<?xml version="1.0" encoding="UTF-8"?>\n'
+            f'<Image xmlns="http://schemas.microsoft.com/deepzoom/2008" Format="jpg" Overlap="0" TileSize="{TILE}">'
+            f'<Size Width="{width}" Height="{height}"/></Image>\n',
+            encoding="utf-8",
+        )
+    return [*written, path]
