@@ -73,7 +73,7 @@ def height_from_gradients(p: Array, q: Array, *, method: str = "fourier") -> Arr
     return np.asarray(fft.irfft2(spectrum, s=p.shape) + plane - plane.mean())
 
 
-def gradients_from_height(z: Array, *, method: str = "fourier") -> tuple[Array, Array]:
+def gradients_from_height(z: Array, *, method: str = "fourier", slope: tuple[float, float] | None = None) -> tuple[Array, Array]:
     """Differentiate a height map.
 
     Parameters
@@ -81,8 +81,11 @@ def gradients_from_height(z: Array, *, method: str = "fourier") -> tuple[Array, 
     z : (H, W) array
         In pixels.
     method : {"fourier", "forward"}
-        ``"fourier"``: P = j u S, Q = j v S (eqs. 4.5.2 and 4.5.3), of what is left after the plane of best fit. ``"forward"``:
-        p = s(x+1, y) − s(x, y), q = s(x, y+1) − s(x, y) (eqs. 4.5.6 and 4.5.7); the last column and the top row repeat theirs.
+        ``"fourier"``: P = j u S, Q = j v S (eqs. 4.5.2 and 4.5.3), of what is left after a plane: only that repeats.
+        ``"forward"``: p = s(x+1, y) − s(x, y), q = s(x, y+1) − s(x, y) (eqs. 4.5.6 and 4.5.7); the last column and the top row
+        repeat their neighbours'.
+    slope : (p, q), optional
+        Of ``"fourier"``: slope of that plane; (0, 0) for a map that repeats. Default: the plane of best fit.
 
     Returns
     -------
@@ -101,8 +104,9 @@ def gradients_from_height(z: Array, *, method: str = "fourier") -> tuple[Array, 
     if method != "fourier":
         raise InputError(f"differentiation {method!r} is not known; known: fourier, forward")
     x, y = _coordinates(z.shape)
-    a = (x * z).sum() / max((x * x).sum(), 1e-300)
-    b = (y * z).sum() / max((y * y).sum(), 1e-300)
+    if slope is None:
+        slope = (x * z).sum() / max((x * x).sum(), 1e-300), (y * z).sum() / max((y * y).sum(), 1e-300)
+    a, b = slope
     u, v = _frequencies(z.shape)
     spectrum = fft.rfft2(z - a * x - b * y)
     return np.asarray(fft.irfft2(1j * u * spectrum, s=z.shape) + a), np.asarray(fft.irfft2(1j * v * spectrum, s=z.shape) + b)

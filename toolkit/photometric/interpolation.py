@@ -260,6 +260,13 @@ def _levels(values: Array, tolerance: float, period: float | None) -> Array:
     return np.array([run.mean() for run in runs if len(run)])
 
 
+def need_spread(lights: Array) -> None:
+    """Raise `InputError` if the lights lie at one point or on one line of the hemisphere."""
+    places = np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
+    if len(lights) < 3 or np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1] < 1e-2:
+        raise InputError("the lights lie on one line of the hemisphere; interpolation between them needs lights around it")
+
+
 def triangulate(lights: Array, table: Array, ring: int = 24) -> TriangleBasis:
     """Return linear interpolation of ``table`` (K, n) over ``lights`` (K, 3).
 
@@ -269,8 +276,7 @@ def triangulate(lights: Array, table: Array, ring: int = 24) -> TriangleBasis:
         If the lights are fewer than three or all in one plane with the sample's centre.
     """
     chart_of = np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
-    if len(lights) < 3 or np.linalg.matrix_rank(chart_of - chart_of.mean(axis=0), tol=1e-6) < 2:
-        raise InputError("the lights lie on one line of the hemisphere; interpolation between them needs lights around it")
+    need_spread(lights)
     hull = Delaunay(chart_of)
     angle = 2 * np.pi * np.arange(ring) / ring
     # Slant 100°: the polygon of the ring's nodes encloses the whole hemisphere.

@@ -23,7 +23,7 @@ from intaglio.photometric.bases import (
     coefficients,
     need_rank,
 )
-from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, interpolate, smooth, smooth_matrix
+from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, interpolate, need_spread, smooth, smooth_matrix
 from intaglio.photometric.light_positions import light_direction
 
 Array = np.ndarray
@@ -222,6 +222,7 @@ def _smooth_fit(lights: Array, moments: Moments, settings: Settings) -> LinearFi
         raise InputError(f"components must be from 1 to the number of images, {count}, not {settings.components}")
     if settings.smoothing is not None and not (np.isfinite(settings.smoothing) and settings.smoothing >= 0):
         raise InputError(f"smoothing must be a finite number from 0 on, not {settings.smoothing}")
+    need_spread(lights)
     tried = SMOOTHING if settings.smoothing is None else (settings.smoothing,)
     scheme, least = None, np.inf
     for chart, kernel, trend, smoothing in product(CHARTS, KERNELS, TRENDS, tried):

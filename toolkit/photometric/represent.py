@@ -22,8 +22,9 @@ from intaglio.photometric.stack import LUMINANCE, Exposure, PhotometricStack
 Array = np.ndarray
 Progress = Callable[[int, int], None]
 
-# More than this share of values at the end of the range is worth a warning.
-MUCH_CLIPPED = 0.05
+# More than these shares of values at an end of the range are worth a warning; cast shadows alone make some black.
+MUCH_OVEREXPOSED = 0.05
+MUCH_BLACK = 0.25
 
 # Robust fits leave out these shares of a pixel's values: the darkest (shadows) and the brightest (highlights).
 DARK_SHARE = 0.25
@@ -95,7 +96,7 @@ def represent(
     Warns
     -----
     IntaglioWarning
-        If more than 5 % of the values are over- or underexposed.
+        If more than 5 % of the values are overexposed, or more than 25 % black.
 
     Notes
     -----
@@ -153,7 +154,7 @@ def integrable(texture: Relightable, integration: str = "fourier", differentiati
     maps = surface_maps(texture)
     p, q = (np.where(maps.valid, g, 0) for g in (maps.p, maps.q))
     height = height_from_gradients(p, q, method=integration)
-    p, q = gradients_from_height(height, method=differentiation)
+    p, q = gradients_from_height(height, method=differentiation, slope=(float(p.mean()), float(q.mean())))
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(p * p + q * q + 1)
     scaled = (normal[..., None] * maps.albedo[None]).astype(np.float32)
     return replace(texture, kind="height", maps=scaled, chroma=None, height=height.astype(np.float32))
@@ -292,6 +293,7 @@ def _warn_of_exposure(seen: Exposure) -> None:
     over, under = seen.shares
     if under >= 1:
         raise InputError("the stack is black: no value is over 0")
-    for share, what in ((over, "overexposed"), (under, "black (at or under 0)")):
-        if share > MUCH_CLIPPED:
+    limits = (over, MUCH_OVEREXPOSED, "overexposed"), (under, MUCH_BLACK, "black (at or under 0)")
+    for share, limit, what in limits:
+        if share > limit:
             warnings.warn(f"{share:.0%} of the stack's values are {what}; fits there are not to be trusted", IntaglioWarning, 3)

@@ -59,6 +59,8 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
         raise FileError(f"{path}: the file of web planes is called info.json")
     planes, described, table = _planes(texture)
     low, high = planes.min(axis=(1, 2)), planes.max(axis=(1, 2))
+    if described["colorspace"] == "lrgb":
+        low[:3], high[:3] = 0, 1  # viewers take the colours as they are
     scale = np.where(high > low, high - low, 1.0)
     missing = -len(planes) % 3
     info = {
@@ -100,7 +102,6 @@ def _planes(texture: Relightable) -> tuple[Array, dict[str, object], Array | Non
             chroma = texture.chroma.astype(np.float64)
             peak = np.maximum(chroma.max(axis=2), 1e-12)
             planes = np.concatenate([np.moveaxis(chroma / peak[..., None], 2, 0), maps[..., 0] * peak])
-            # The colours come first and are not scaled.
             return planes, {"type": "ptm", "colorspace": "lrgb"}, None
         return _by_channel(maps), {"type": "ptm", "colorspace": "rgb"}, None
     maps = texture.color_maps().astype(np.float64)

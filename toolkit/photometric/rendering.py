@@ -1,0 +1,80 @@
+"""Relightable textures on meshes, rendered."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from intaglio.errors import FileError
+from intaglio.files import check_readable
+from intaglio.photometric.relightable import Relightable
+from intaglio.render.relightable import relightable_bsdf, relit
+from intaglio.render.view import frame
+
+Array = np.ndarray
+
+
+def bsdf_of(texture: Relightable, *, repeat: tuple[float, float] = (1.0, 1.0), smooth: bool = True, back: bool = False) -> Any:
+    """Return the texture as a Mitsuba BSDF; see `intaglio.render.relightable_bsdf`."""
+    return relightable_bsdf(texture.maps, texture.basis.evaluate, chroma=texture.chroma, repeat=repeat, smooth=smooth, back=back)
+
+
+def read_textured_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:
+    """Read vertices (N, 3), faces (F, 3) and texture coordinates (N, 2) of a mesh file.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or has no texture coordinates.
+    """
+    import trimesh
+
+    path = check_readable(path)
+    try:
+        mesh = trimesh.load(path, force="mesh", process=False)
+    except Exception as error:
+        raise FileError(f"{path}: is no readable mesh ({error})") from error
+    uv = getattr(getattr(mesh, "visual", None), "uv", None)
+    if uv is None or len(uv) != len(mesh.vertices) or len(mesh.faces) == 0:
+        raise FileError(f"{path}: has no faces with texture coordinates; unwrap it first, or give an OBJ or glTF that has them")
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.asarray(uv)
+
+
+def render_on_mesh(
+    texture: Relightable,
+    path: str | os.PathLike[str],
+    *,
+    light: Array,
+    direction: Array,
+    repeat: float = 1.0,
+    size: tuple[int, int] = (800, 800),
+    samples: int = 32,
+    seed: int = 0,
+) -> Array:
+    """Render a texture on a mesh under one distant light.
+
+    Parameters
+    ----------
+    texture : Relightable
+    path : path
+        Mesh with texture coordinates.
+    light, direction : (3,) arrays
+        Towards the light and the eye, in the mesh's coordinates.
+    repeat : float
+        How often the texture is repeated over the unit square of texture coordinates.
+    size : (width, height)
+    samples : int
+        Paths per pixel.
+    seed : int
+
+    Returns
+    -------
+    (H, W, 3) float32 array
+        Linear; white where nothing is seen.
+    """
+    vertices, faces, uv = read_textured_mesh(path)
+    camera = frame(vertices, direction, margin=1.05)
+    bsdf = bsdf_of(texture, repeat=(repeat, repeat), back=True)
+    return relit(vertices, faces, uv, bsdf, camera=camera, light=light, size=size, samples=samples, background=1.0, seed=seed)
