@@ -39,6 +39,7 @@ lint: install
 
 bench: install
 	@$(BIN)/python -m tests.benchmarks.relief
+	@$(BIN)/python -m tests.benchmarks.photometric
 
 docs: install
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'

@@ -7,8 +7,8 @@ import pytest
 from stacks import dome, lambertian, noisy, scattered
 
 from intaglio import PhotometricStack, light_direction, represent, surface_maps
-from intaglio.photometric.rendering import bsdf_of
 from intaglio.photometric.relightable import KINDS
+from intaglio.photometric.rendering import bsdf_of
 from intaglio.render import Camera, Gloss, matte_bsdf, photometric_capture, relightable_bsdf, relit, relit_plane, variant
 from intaglio.render.photometric_capture import height_mesh, height_normals
 from intaglio.render.variant import mitsuba

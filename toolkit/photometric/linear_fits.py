@@ -35,6 +35,9 @@ LINEAR_KINDS = ("3i", *LEAST_SQUARES, "eigen3", "eigen6", "rbf")
 SMOOTHING = (0.0, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)
 MOST_COMPONENTS = 18
 
+# Chart, kernel, trend and smoothing of a radial basis.
+Scheme = tuple[str, str, str, float]
+
 
 @dataclass(frozen=True)
 class Moments:
@@ -67,7 +70,7 @@ class Moments:
     def error(self, relit: Array) -> float:
         """Return η (eq. 4.5.1) of images relit as I R, without clipping at zero; ``relit`` is R (K, K)."""
         away = relit - np.eye(len(relit))
-        squared = np.einsum("ik,ij,jk->k", away, self.products, away)
+        squared = ((self.products @ away) * away).sum(axis=0)
         usable = self.deviation > 0
         if not usable.any():
             return 0.0
@@ -150,10 +153,10 @@ def prediction(kind: str, lights: Array, moments: Moments | None, settings: Sett
             k = int(np.argmax(own))
             raise InputError(f"leaving out image {k}, the lights no longer determine {kind!r}; it takes more images")
         return np.asarray((hat - np.diag(own)) / (1 - own)[None, :])
-    relit = np.zeros((count, count))
-    if kind == "rbf" and settings.components is None:
+    if kind == "rbf":
         assert moments is not None
-        settings = Settings(components=_smooth_fit(lights, moments, settings).weights.shape[1], smoothing=settings.smoothing)
+        return _smooth_left_out(lights, moments, settings)
+    relit = np.zeros((count, count))
     for k in range(count):
         others = np.delete(np.arange(count), k)
         fit = fit_linear(kind, lights[others], None if moments is None else moments.subset(others), settings)
@@ -215,6 +218,43 @@ def _least_squares_basis(kind: str, settings: Settings) -> tuple[Basis, tuple[st
 
 def _smooth_fit(lights: Array, moments: Moments, settings: Settings) -> LinearFit:
     """Fit principal components whose coefficients are interpolated by radial functions, chosen by leave-one-out error."""
+    inverses = _smooth_inverses(lights, settings)
+    scheme, error = _best_scheme(inverses, moments)
+    components = settings.components or _enough_components(_left_out(inverses[scheme]), moments)
+    vectors = principal(moments, components, "rbf")
+    chart, kernel, trend, smoothing = scheme
+    note = (
+        f"rbf: {components} components, {kernel} in {chart} coordinates with {trend} trend, smoothing {smoothing:g}, "
+        f"leave-one-out error {error:.3f} before cutting components"
+    )
+    return LinearFit(vectors, smooth(lights, vectors, *scheme), (note,))
+
+
+def _smooth_left_out(lights: Array, moments: Moments, settings: Settings) -> Array:
+    """Return R (K, K) of `prediction`: for every image left out, the scheme is chosen again without it.
+
+    Inverses without a light follow from those with all of them: M⁻¹ = [[B, b], [bᵀ, β]] leaves B − b bᵀ / β.
+    """
+    inverses = _smooth_inverses(lights, settings)
+    scheme, _ = _best_scheme(inverses, moments)
+    components = settings.components or _enough_components(_left_out(inverses[scheme]), moments)
+    count = len(lights)
+    relit = np.zeros((count, count))
+    for k in range(count):
+        others = np.delete(np.arange(count), k)
+        inner = moments.subset(others)
+        rest = {
+            s: part[np.ix_(others, others)] - np.outer(part[others, k], part[others, k]) / part[k, k]
+            for s, part in inverses.items()
+        }
+        scheme, _ = _best_scheme(rest, inner)
+        vectors = principal(inner, min(components, count - 1), "rbf")
+        relit[others, k] = vectors @ (vectors.T @ _left_out(inverses[scheme])[others, k])
+    return relit
+
+
+def _smooth_inverses(lights: Array, settings: Settings) -> dict[Scheme, Array]:
+    """Return the part (K, K) over the lights of every scheme's inverted system; ill-conditioned schemes are left out."""
     count = len(lights)
     if count < 6:
         raise InputError(f"kind 'rbf' needs at least 6 images, the stack has {count}")
@@ -224,57 +264,47 @@ def _smooth_fit(lights: Array, moments: Moments, settings: Settings) -> LinearFi
         raise InputError(f"smoothing must be a finite number from 0 on, not {settings.smoothing}")
     need_spread(lights)
     tried = SMOOTHING if settings.smoothing is None else (settings.smoothing,)
-    scheme, least = None, np.inf
+    inverses: dict[Scheme, Array] = {}
     for chart, kernel, trend, smoothing in product(CHARTS, KERNELS, TRENDS, tried):
         if chart == "chord" and trend == "chart":
             continue  # the chord's coordinates are Lambert's
-        relit = _smooth_prediction(lights, chart, kernel, trend, smoothing)
-        error = np.inf if relit is None else moments.error(relit)
-        if error < least:
-            scheme, least = (chart, kernel, trend, smoothing), error
-    if scheme is None:
+        system, _ = smooth_matrix(lights, chart, kernel, trend, smoothing)
+        try:
+            inverse = np.linalg.inv(system)
+        except np.linalg.LinAlgError:
+            continue
+        part = np.ascontiguousarray(inverse[:count, :count])
+        if np.linalg.norm(system, 1) * np.linalg.norm(inverse, 1) < 1e12 and (np.abs(np.diag(part)) > 1e-12).all():
+            inverses[chart, kernel, trend, smoothing] = part
+    if not inverses:
         raise InputError("the lights are too close together to interpolate between them smoothly; use 'gradient' or 'ptm'")
-    components = settings.components or _enough_components(lights, moments, scheme)
-    vectors = principal(moments, components, "rbf")
-    chart, kernel, trend, smoothing = scheme
-    note = (
-        f"rbf: {components} components, {kernel} in {chart} coordinates with {trend} trend, smoothing {smoothing:g}, "
-        f"leave-one-out error {least:.3f} before cutting components"
-    )
-    return LinearFit(vectors, smooth(lights, vectors, *scheme), (note,))
+    return inverses
 
 
-def _smooth_prediction(lights: Array, chart: str, kernel: str, trend: str, smoothing: float) -> Array | None:
-    """Return R (K, K) of leaving each light out of a smooth interpolation, all components kept; None if ill-conditioned.
+def _left_out(part: Array) -> Array:
+    """Return R (K, K) of interpolating each light's image from the others, all components kept.
 
     The error at a light left out is (A⁻¹y)_k / (A⁻¹)_kk, A being the interpolation's system.
     """
-    system, _ = smooth_matrix(lights, chart, kernel, trend, smoothing)
-    try:
-        inverse = np.linalg.inv(system)
-    except np.linalg.LinAlgError:
-        return None
-    if np.linalg.norm(system, 1) * np.linalg.norm(inverse, 1) > 1e12:
-        return None
-    part = inverse[: len(lights), : len(lights)]
-    own = np.diag(part)
-    if (np.abs(own) < 1e-12).any():
-        return None
-    return np.asarray(np.eye(len(lights)) - (part / own[:, None]).T)
+    return np.asarray(np.eye(len(part)) - (part / np.diag(part)[:, None]).T)
 
 
-def _enough_components(lights: Array, moments: Moments, scheme: tuple[str, str, str, float]) -> int:
+def _best_scheme(inverses: dict[Scheme, Array], moments: Moments) -> tuple[Scheme, float]:
+    """Return the scheme of least leave-one-out error, and the error."""
+    errors = {scheme: moments.error(_left_out(part)) for scheme, part in inverses.items()}
+    scheme = min(errors, key=lambda s: errors[s])
+    return scheme, errors[scheme]
+
+
+def _enough_components(left_out: Array, moments: Moments) -> int:
     """Return the fewest components that predict within 0.5 % of the best number, up to `MOST_COMPONENTS`."""
-    count = len(lights)
+    count = len(left_out)
     tried = [n for n in (3, 4, 5, 6, 8, 10, 12, 15, MOST_COMPONENTS) if n < count - 1]
     relit = np.zeros((len(tried), count, count))
     for k in range(count):
         others = np.delete(np.arange(count), k)
-        inner = moments.subset(others)
-        vectors = principal(inner, tried[-1], "rbf")
-        basis = smooth(lights[others], np.eye(count - 1), *scheme)
-        weights = coefficients(basis, lights[k : k + 1])[0]
+        vectors = principal(moments.subset(others), tried[-1], "rbf")
         for i, n in enumerate(tried):
-            relit[i, others, k] = vectors[:, :n] @ (vectors[:, :n].T @ weights)
+            relit[i, others, k] = vectors[:, :n] @ (vectors[:, :n].T @ left_out[others, k])
     errors = np.array([moments.error(r) for r in relit])
     return tried[int(np.argmax(errors <= 1.005 * errors.min()))]
