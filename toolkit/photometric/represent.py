@@ -176,6 +176,7 @@ def linear_fit(
     for _ in range(STEPS):
         images = combine(stack, vectors, device, report)
         turned = np.stack([_inner(stack, k, images) for k in range(stack.shape[0])])
+        del images  # before the next ones are made: memory holds the maps once
         _, rotation = np.linalg.eigh(vectors.T @ turned)
         found, _ = np.linalg.qr(turned @ rotation[:, ::-1])
         moved = np.linalg.norm(found - vectors @ (vectors.T @ found), ord=2)
@@ -229,6 +230,7 @@ def combine(
         if exposure is not None:
             exposure.add(stack, k, image)
         weighted_sums(image.reshape(1, -1), weights[k : k + 1].T, out=maps, add=True, double=True, device=device)
+        del image  # before the next one is read
         report(k + 1, count)
     return maps.reshape(-1, height, width, channels)
 
@@ -250,13 +252,15 @@ def _values(strip: Array, mask: Array | None, rows: slice) -> Array:
 
 def _chromaticity(stack: PhotometricStack) -> Array:
     """Return colour over luminance (H, W, 3), from the sums over all images; grey where nothing is lit."""
-    total = np.zeros(stack.shape[1:], np.float64)
+    total = np.zeros(stack.shape[1:], np.float32)
     for k in range(stack.shape[0]):
         total += stack.image(k)
-    luminance = total @ np.asarray(LUMINANCE)
-    chroma = total / np.where(luminance > 0, luminance, 1)[..., None]
+    luminance = total @ np.asarray(LUMINANCE, np.float32)
     lit = luminance > 1e-6 * max(float(luminance.max()), 1e-30)
-    return np.where(lit[..., None], chroma, 1).astype(np.float32)
+    luminance[~lit] = 1
+    total /= luminance[..., None]
+    total[~lit] = 1
+    return total
 
 
 def _robust_maps(stack: PhotometricStack, device: str, report: Progress) -> tuple[Array, Array]:
