@@ -149,9 +149,13 @@ def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
     (tmp_path / "capture.lp").write_text("2\na.png 0 0 2\nb b.png 1 0 1\n")
     status, out, err = run(monkeypatch, capsys, "info", tmp_path / "capture.lp")
     assert status == 0, err
-    assert "2 images; light slant 0.0 to 45.0" in out
-    assert "1 images are not there, the first is b b.png" in out
-    assert "6 x 4 pixels" in out
+    assert "2 lights" in out
+    assert "light slant 0.0 to 45.0" in out
+    assert "1 of its 2 images are not there" in out
+    intaglio.write_image(np.full((4, 6, 3), 0.5), tmp_path / "b b.png")
+    status, out, err = run(monkeypatch, capsys, "info", tmp_path / "capture.lp")
+    assert status == 0, err
+    assert "stack of 2 images, 6 x 4 pixels, 3 channels" in out
     (tmp_path / "bad.lp").write_text("3\na.png 0 0 1\n")
     status, _, err = run(monkeypatch, capsys, "info", tmp_path / "bad.lp")
     assert status == 2

@@ -107,6 +107,7 @@ def test_info_shows_the_stack(capture, tmp_path):
         (("represent", "{capture}", "-o", "t.exr", "--response", "log"), "give linear, srgb or a gamma"),
         (("represent", "{capture}", "-o", "t.exr", "--mask", "none.png"), "none.png: no such file"),
         (("represent", "{capture}", "-o", "t.exr", "--kind", "ptm", "--robust"), "robust fitting is there for"),
+        (("relight", "t.exr", "-o", "p.jpg", "--bits", "16"), "has no 16 bits"),
         (("represent", "{capture}", "-o", "t.exr", "--tiles"), "--tiles is for web planes"),
         (("represent", "{capture}", "-o", "no/where/t.exr"), "does not exist"),
         (("represent", "nowhere.lp", "-o", "t.exr"), "nowhere.lp: no such file"),
@@ -153,3 +154,54 @@ def test_a_sphere_gives_the_lights(tmp_path):
     truth = represent(stack, "gradient")
     light = light_direction(70, 30)
     np.testing.assert_allclose(read_relightable(tmp_path / "t.exr").relight(light), truth.relight(light), atol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("names", "output", "more"),
+    [
+        (("normal.png", "b.png", "c.png"), "t.exr", ("--maps", ".")),
+        (("plane_0.png", "b.png", "c.png"), "info.json", ()),
+        (("a.exr", "b.exr", "c.exr"), "a.exr", ()),
+    ],
+)
+def test_inputs_are_never_overwritten(names, output, more, tmp_path):
+    from intaglio import write_image
+
+    stack = noisy(dome(3, (40,)))
+    rows = []
+    for k, name in enumerate(names):
+        write_image(stack.image(k)[:, :, 0], tmp_path / name)
+        rows.append(f"{name} " + " ".join(map(str, stack.lights[k])))
+    (tmp_path / "c.lp").write_text("\n".join(rows))
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    status, _, errors = run("represent", "c.lp", "-o", output, "--kind", "gradient", *more, cwd=tmp_path)
+    assert status == 2
+    assert "is an input" in errors or "is the input itself" in errors
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+def test_meshes_that_can_not_be_rendered(capture, tmp_path):
+    run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "gradient")
+    square = "v -1 -1 0\nv 1 -1 0\nv {} 1 0\nvt 0 0\nvt {} 0\nvt 1 1\nf 1/1 2/2 3/3\n"
+    for text, message in (
+        (square.format("nan", 1), "not finite"),
+        (square.format("1e300", 1), "not finite, or larger"),
+        (square.format("1", "1e30"), "texture coordinates"),
+        ("v 0 0 0\nv 1 0 0\nv 2 0 0\nvt 0 0\nvt 1 0\nvt 1 1\nf 1/1 2/2 3/3\n", "no area"),
+    ):
+        (tmp_path / "m.obj").write_text(text)
+        status, _, errors = run("relight", tmp_path / "t.exr", "-o", tmp_path / "r.png", "--mesh", tmp_path / "m.obj")
+        assert (status, message in errors) == (2, True), errors
+    assert not (tmp_path / "r.png").exists()
+
+
+def test_info_of_a_texture(capture, tmp_path):
+    run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "rbf", "--color", "luminance")
+    status, said, _ = run("info", tmp_path / "t.exr")
+    assert status == 0
+    assert "relightable texture, kind rbf" in said
+    assert "luminance and chromaticity" in said
+    (tmp_path / "below.lp").write_text("a.png 0 0 -1\n")
+    status, _, errors = run("info", tmp_path / "below.lp")
+    assert status == 2
+    assert "below the surface" in errors

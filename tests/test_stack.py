@@ -333,3 +333,127 @@ def test_real_formats(real):
     names, lights = read_light_positions(real("photometric/formats/cceh_dome1.lp"))
     assert names == []
     assert len(lights) == 60
+
+
+# ---- what an attack on the reader found ----
+
+
+def eight_bit_capture(folder, count=3, suffix=".png", write=None):
+    for k in range(count):
+        levels = (np.arange(48, dtype=np.uint8).reshape(6, 8) * 3 + 10 * k + 20).astype(np.uint8)
+        if write is None:
+            Image.fromarray(levels).save(folder / f"i{k}{suffix}")
+        else:
+            write(folder / f"i{k}{suffix}", levels)
+    path = folder / "c.lp"
+    path.write_text("\n".join(f"i{k}{suffix} {k} 0.5 1" for k in range(count)))
+    return path
+
+
+def test_sample_types_must_not_mix(tmp_path):
+    path = eight_bit_capture(tmp_path, suffix=".tif", write=lambda p, v: tifffile.imwrite(p, v))
+    for other in (np.int8, np.int16, np.uint16, np.float32):
+        tifffile.imwrite(tmp_path / "i1.tif", np.full((6, 8), 3, other))
+        with pytest.raises(FileError, match=rf"i1\.tif: holds {np.dtype(other)} values, the first image uint8"):
+            read_stack(path)
+
+
+@pytest.mark.parametrize("kind", [np.uint32, np.int32, np.uint64, np.complex64])
+def test_sample_types_without_a_range(tmp_path, kind):
+    tifffile.imwrite(tmp_path / "i0.tif", np.ones((6, 8), kind))
+    (tmp_path / "c.lp").write_text("i0.tif 0 0 1")
+    with pytest.raises(FileError, match=r"i0\.tif"):
+        read_stack(tmp_path / "c.lp")
+
+
+def test_tiff_colours_are_read_as_they_are_meant(tmp_path):
+    color = np.random.default_rng(0).integers(0, 255, (6, 8, 3), np.uint8)
+    tifffile.imwrite(tmp_path / "planar.tif", np.moveaxis(color, 2, 0), photometric="rgb", planarconfig="separate")
+    np.testing.assert_array_equal(np.round(intaglio.read_image(tmp_path / "planar.tif", linear=True) * 255), color)
+    tifffile.imwrite(tmp_path / "white.tif", color[..., 0], photometric="miniswhite")
+    np.testing.assert_array_equal(np.round(intaglio.read_image(tmp_path / "white.tif", linear=True) * 255), 255 - color[..., 0])
+    Image.fromarray(color).convert("CMYK").save(tmp_path / "cmyk.tif")
+    with pytest.raises(FileError, match="SEPARATED"):
+        intaglio.read_image(tmp_path / "cmyk.tif")
+    Image.fromarray(color).convert("P").save(tmp_path / "palette.tif")
+    with pytest.raises(FileError, match="PALETTE"):
+        intaglio.read_image(tmp_path / "palette.tif")
+    tifffile.imwrite(tmp_path / "pages.tif", np.zeros((5, 6, 8), np.uint8), photometric="minisblack")
+    with pytest.raises(FileError, match="5 pages"):
+        intaglio.read_image(tmp_path / "pages.tif")
+
+
+def test_content_must_be_what_the_name_says(tmp_path):
+    Image.fromarray(np.zeros((6, 8), np.uint8)).save(tmp_path / "a.png")
+    (tmp_path / "a.png").rename(tmp_path / "a.jpg")
+    with pytest.raises(FileError, match="its content is PNG, not JPEG"):
+        intaglio.read_image(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e200])
+def test_lights_of_any_length(scale, tmp_path):
+    path = eight_bit_capture(tmp_path)
+    path.write_text("\n".join(f"i{k}.png {k * scale} {0.5 * scale} {scale}" for k in range(3)))
+    lights = read_stack(path).lights
+    np.testing.assert_allclose(lights[1], np.array([1, 0.5, 1]) / 1.5, rtol=1e-12)
+    np.testing.assert_allclose(PhotometricStack(np.ones((1, 2, 2)), [[0, 0, scale]]).lights, [[0, 0, 1]])
+
+
+def test_masks_of_other_kinds(tmp_path):
+    path = eight_bit_capture(tmp_path)
+    alpha = np.full((6, 8, 4), 255, np.uint8)
+    alpha[:, 4:, 3] = 0
+    Image.fromarray(alpha).save(tmp_path / "cut.png")
+    assert read_stack(path, mask=tmp_path / "cut.png").mask.sum() == 24
+    levels = np.full((6, 8), 0.2)
+    levels[0] = 0.8
+    assert read_stack(path, mask=levels).mask.sum() == 8
+    assert read_stack(path, mask=levels.tolist()).mask.sum() == 8
+    with pytest.raises(InputError, match="not of true and false"):
+        read_stack(path, mask=np.full((6, 8), "x"))
+
+
+def test_a_sphere_picture_for_every_image(tmp_path):
+    (tmp_path / "object").mkdir()
+    (tmp_path / "sphere").mkdir()
+    eight_bit_capture(tmp_path / "object").unlink()
+    eight_bit_capture(tmp_path / "sphere", count=5)
+    with pytest.raises(InputError, match="5 pictures of a sphere for 3 images"):
+        read_stack(tmp_path / "object", sphere=tmp_path / "sphere")
+
+
+@pytest.mark.parametrize("text", ["²\ni0.png 0 0 1\n", "9" * 5000 + "\ni0.png 0 0 1\n"])
+def test_first_lines_that_are_no_count(text, tmp_path):
+    eight_bit_capture(tmp_path)
+    (tmp_path / "c.lp").write_text(text)
+    with pytest.raises(InputError, match="entry 1"):
+        read_stack(tmp_path / "c.lp")
+
+
+def test_byte_order_marks_and_line_ends(tmp_path):
+    path = eight_bit_capture(tmp_path)
+    path.write_bytes(b"\xef\xbb\xbf3\r\n" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert read_stack(path).shape == (3, 6, 8, 1)
+
+
+def test_an_image_has_one_light(tmp_path):
+    path = eight_bit_capture(tmp_path)
+    path.write_text("i0.png 0 0 1\ni0.png 1 0 1\n")
+    with pytest.raises(InputError, match=r"names i0\.png more than once"):
+        read_stack(path)
+
+
+def test_outputs_beside_a_capture_are_no_images(tmp_path):
+    path = eight_bit_capture(tmp_path)
+    np.savetxt(tmp_path / "light_directions.txt", read_stack(path).lights)
+    path.unlink()
+    intaglio.write_exr({"Y": np.zeros((2, 2))}, tmp_path / "texture.exr")
+    for name in ("normal.png", "albedo.png", "height.png", "maps.exr"):
+        (tmp_path / name).write_bytes(b"x")
+    assert read_stack(tmp_path).shape == (3, 6, 8, 1)
+
+
+def test_subset_knows_its_images():
+    stack = noisy(dome(4, (30,)))
+    with pytest.raises(InputError, match="not all of the stack's 4"):
+        stack.subset([1, 40])

@@ -12,6 +12,7 @@ from stacks import dome, lambertian, noisy, scattered
 
 from intaglio import (
     FileError,
+    InputError,
     Relightable,
     light_direction,
     read_image,
@@ -370,3 +371,115 @@ def test_maps_into_a_file(tmp_path):
     (tmp_path / "x").write_text("")
     with pytest.raises(FileError, match="is a file"):
         write_maps(texture_of("ptm"), tmp_path / "x")
+
+
+# ---- what an attack on the readers found ----
+
+
+def tampered(tmp_path, change):
+    """Write a texture of a kind, change its description, and return the path."""
+    kind, edit = change
+    texture = represent(
+        noisy(dome() if kind == "grid" else scattered(20)), {"grid": "eigen3", "triangles": "eigen6"}.get(kind, kind)
+    )
+    texture.write(tmp_path / "t.exr")
+    channels, header = read_exr(tmp_path / "t.exr")
+    described = json.loads(header["intaglioRelightable"])
+    edit(described)
+    write_exr(channels, tmp_path / "t.exr", metadata={"intaglioRelightable": json.dumps(described)})
+    return tmp_path / "t.exr"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("ptm", lambda d: d.update(version=99)),
+        ("ptm", lambda d: d.update(basis=None)),
+        ("ptm", lambda d: d.update(basis=[1, 2])),
+        ("ptm", lambda d: d.update(kind="hdr")),
+        ("ptm", lambda d: d["basis"].update(extra=1)),
+        ("hsh", lambda d: d["basis"].update(order=-3)),
+        ("3i", lambda d: d["basis"].update(lights=[[0, 0, 1]] * 3)),
+        ("3i", lambda d: d["basis"].update(lights=[[float("nan")] * 3] * 3)),
+        ("grid", lambda d: d["basis"].update(tilts=d["basis"]["tilts"][::-1])),
+        ("grid", lambda d: d["basis"].update(slants=[])),
+        ("grid", lambda d: d["basis"].update(tilts=d["basis"]["tilts"] + [359.0])),
+        ("triangles", lambda d: d["basis"].update(triangles=[])),
+        ("triangles", lambda d: d["basis"]["triangles"][0].__setitem__(0, -1)),
+        ("triangles", lambda d: d["basis"]["triangles"][0].__setitem__(0, 10**6)),
+        ("rbf", lambda d: d["basis"].update(chart="mercator")),
+        ("rbf", lambda d: d["basis"].update(trend="none")),
+        ("rbf", lambda d: d["basis"].update(lights=d["basis"]["lights"][:-1])),
+        ("rbf", lambda d: d["basis"]["weights"][0].__setitem__(0, float("nan"))),
+    ],
+)
+def test_tampered_textures(change, tmp_path):
+    with pytest.raises(FileError, match=r"t\.exr: is an EXR, but no relightable texture"):
+        read_relightable(tampered(tmp_path, change))
+
+
+def test_maps_that_are_not_finite(tmp_path):
+    texture = texture_of("ptm")
+    maps = texture.maps.copy()
+    maps[2, 3, 4] = np.inf
+    with pytest.raises(InputError, match="not finite"):
+        Relightable("ptm", maps, texture.basis)
+
+
+@pytest.mark.parametrize(
+    ("row", "value"),
+    [
+        (2, "nan 4"),
+        (2, "inf 4"),
+        (2, "20.5 4"),
+        (2, "1e300 4"),
+        (3, "nan 1 1 1 1 1"),
+        (4, "0 0 inf 0 0 0"),
+        (3, "1e40 1 1 1 1 1"),
+    ],
+)
+def test_ptm_headers_that_make_no_sense(row, value, tmp_path):
+    rows = ["PTM_1.2", "PTM_FORMAT_RGB", "4 4", "1 1 1 1 1 1", "0 0 0 0 0 0"]
+    rows[row] = value
+    (tmp_path / "t.ptm").write_bytes(("\n".join(rows) + "\n").encode() + bytes(18 * 16))
+    with pytest.raises(FileError, match=r"t\.ptm"):
+        read_relightable(tmp_path / "t.ptm")
+
+
+@pytest.mark.parametrize(
+    ("reference", "order"), [([1, 0, *[-1] * 7], range(9)), ([0, *[-1] * 8], range(9)), ([1, *[-1] * 8], range(9))]
+)
+def test_planes_predicted_from_later_ones(reference, order, tmp_path):
+    planes = np.full((9, 8, 8), 100, np.uint8)
+    jpeg_ptm(tmp_path / "t.ptm", planes, order=order, reference=reference, transforms=[0] * 9)
+    with pytest.raises(FileError, match="make no sense"):
+        read_relightable(tmp_path / "t.ptm")
+
+
+def test_a_failed_set_of_planes_leaves_the_old_one(tmp_path, monkeypatch):
+    texture_of("ptm").write(tmp_path / "info.json")
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    (tmp_path / "plane_3.jpg").unlink()
+    (tmp_path / "plane_3.jpg").mkdir()
+    with pytest.raises(FileError, match=r"plane_3\.jpg: is in the way"):
+        texture_of("ptm", channels=1).write(tmp_path / "info.json")
+    after = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
+    assert all(after[name] == before[name] for name in after)
+    assert set(before) - set(after) == {"plane_3.jpg"}
+
+    from intaglio.photometric import web_planes
+
+    (tmp_path / "plane_3.jpg").rmdir()
+    monkeypatch.setattr(web_planes, "_write_plane", lambda image, path, quality: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        texture_of("hsh").write(tmp_path / "info.json")
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == after
+
+
+def test_tiles_are_replaced_whole(tmp_path):
+    large = Relightable("ptm", np.zeros((6, 600, 600, 1), np.float32), texture_of("ptm").basis)
+    small = Relightable("ptm", np.zeros((6, 30, 30, 1), np.float32), texture_of("ptm").basis)
+    for texture, levels in ((large, 11), (small, 6)):
+        write_web_planes(texture, tmp_path / "info.json", tiles=True)
+        assert len(list((tmp_path / "plane_0_files").iterdir())) == levels
+    assert not [p for p in tmp_path.iterdir() if p.name.startswith(".part")]

@@ -16,7 +16,7 @@ from intaglio.cli_options import Extent, Numbers, common, image_size, known_suff
 from intaglio.cli_photometric import assess, relight, represent
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError
-from intaglio.facts import image_facts, mesh_facts, stack_facts, system_facts
+from intaglio.facts import image_facts, is_texture, mesh_facts, stack_facts, system_facts, texture_facts
 from intaglio.files import check_readable, check_writable
 from intaglio.images import IMAGE_SUFFIXES
 from intaglio.kernels.launch import start_quietly
@@ -211,17 +211,23 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
             click.echo(line)
     for path in files:
         suffix = path.suffix.lower()
-        if not path.is_dir():
+        # os.path's is False for names that no file can have, pathlib's raises.
+        folder = os.path.isdir(path)
+        if not folder:
             check_readable(path)
-        if suffix in WRITABLE:
+        if folder or suffix in STACK_SUFFIXES:
+            lines = stack_facts(path)
+        elif suffix in WRITABLE:
             lines = mesh_facts(path, repair)
+        elif is_texture(path):
+            lines = texture_facts(path)
         elif suffix in IMAGE_SUFFIXES:
             lines = image_facts(path)
-        elif path.is_dir() or suffix in STACK_SUFFIXES:
-            lines = stack_facts(path)
         else:
-            known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, *STACK_SUFFIXES))
-            raise InputError(f"{path}: neither a mesh nor an image nor a stack's light positions ({known}, or its folder)")
+            known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
+            raise InputError(
+                f"{path}: neither a mesh nor an image, a texture or a stack's light positions ({known}, or its folder)"
+            )
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,8 @@ import numpy as np
 from intaglio.cli_options import Numbers, common, image_size, known_suffix, render_on
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.files import check_readable, check_writable
-from intaglio.images import IMAGE_SUFFIXES, write_image
+from intaglio.files import check_folder, check_readable, check_writable
+from intaglio.images import IMAGE_SUFFIXES, READABLE_SUFFIXES, write_image
 from intaglio.photometric import (
     PhotometricStack,
     light_direction,
@@ -24,6 +25,7 @@ from intaglio.photometric import (
     write_web_planes,
 )
 from intaglio.photometric import represent as represent_stack
+from intaglio.photometric.materials import MAP_NAMES
 from intaglio.photometric.relightable import KINDS
 from intaglio.photometric.report import assess_kinds, assessment_lines, write_assessment
 from intaglio.photometric.writing import TEXTURE_SUFFIXES
@@ -49,6 +51,15 @@ def _read(capture: Path, response: str | None, mask: Path | None, sphere: Path |
     except ValueError:
         raise InputError(f"--response {response!r} is not known; give linear, srgb or a gamma such as 2.2") from None
     return read_stack(capture, curve, mask=mask, sphere=sphere, grey=grey)
+
+
+def _spare(inputs: list[Path], output: Path, maps: Path | None) -> None:
+    """Raise `InputError` if one of the files that go beside ``output``, or into ``maps``, has the name of an input."""
+    for given in inputs:
+        into_maps = maps is not None and maps.exists() and given.name in MAP_NAMES and given.parent.samefile(maps)
+        beside = output.suffix.lower() == ".json" and given.parent.samefile(output.parent)
+        if into_maps or (beside and (re.match(r"plane_\d+\.", given.name) or given.name == "materials.bin")):
+            raise InputError(f"{given}: is an input and would be overwritten; inputs never are, give another output folder")
 
 
 @click.command(epilog="Example: intaglio represent capture.lp -o texture.exr --kind rbf --maps maps")
@@ -86,8 +97,13 @@ def represent(
     if tiles and output.suffix.lower() != ".json":
         raise InputError("--tiles is for web planes: give -o info.json")
     check_writable(output, inputs=(capture,))
+    if maps is not None:
+        check_folder(maps)
     start = time.perf_counter()
     stack = _read(capture, response, mask, sphere, grey)
+    inputs = [capture, *map(Path, stack.names), *([mask] if mask is not None else [])]
+    check_writable(output, inputs=tuple(inputs))
+    _spare(inputs, output, maps)
     with ProgressBar("fitting") as bar:
         texture = represent_stack(stack, progress=bar.update, **settings)
     for note in stack.notes + texture.notes:
@@ -106,6 +122,15 @@ def represent(
     if maps is not None:
         written = write_maps(texture, maps)
         click.echo(f"wrote {', '.join(str(p) for p in written)}")
+
+
+def _mesh_files(mesh: Path | None) -> tuple[Path, ...]:
+    """Return a mesh's file and the images beside it that it, or a material file, mentions."""
+    if mesh is None or not mesh.is_file():
+        return ()
+    texts = [f.read_bytes() for f in (mesh, *mesh.parent.glob("*.mtl")) if f.is_file()]
+    images = [p for p in mesh.parent.iterdir() if p.suffix.lower() in READABLE_SUFFIXES]
+    return (mesh, *(p for p in images if any(p.name.encode() in text for text in texts)))
 
 
 @click.command(epilog="Example: intaglio relight texture.exr -o lit.png --tilt 135 --slant 60")
@@ -144,12 +169,14 @@ def relight(
 
     On a mesh, light and eye are in the mesh's coordinates.
     """
-    check_writable(output, inputs=(texture,))
+    check_writable(output, inputs=(texture, *_mesh_files(mesh)))
     known_suffix(output, IMAGE_SUFFIXES, "image")
     if not np.isfinite([tilt, slant]).all():
         raise InputError("--tilt and --slant must be finite numbers of degrees")
-    if not (np.isfinite(exposure) and exposure > 0):
-        raise InputError(f"--exposure must be a finite number over 0, not {exposure}")
+    if not 1e-6 <= exposure <= 1e6:
+        raise InputError(f"--exposure must be a number from 1e-6 to 1e6, not {exposure}")
+    if bits == "16" and output.suffix.lower() not in (".png", ".tif", ".tiff"):
+        raise InputError(f"--bits 16: {output.suffix} has no 16 bits; write .png or .tif")
     towards = light_direction(tilt, slant) if light is None else np.array(light)
     loaded = read_relightable(texture)
     if mesh is None:
@@ -172,8 +199,7 @@ def relight(
             samples=samples,
             seed=seed,
         )
-    depth = int(bits) if output.suffix.lower() in (".png", ".tif", ".tiff") else 8
-    write_image(image * np.float32(exposure), output, bits=depth, linear=True if encoded else None)
+    write_image(image * np.float32(exposure), output, bits=int(bits), linear=True if encoded else None)
     height, width = image.shape[:2]
     click.echo(f"wrote {output}: {width} x {height} pixels")
 
@@ -212,12 +238,12 @@ def assess(
     if not wanted:
         raise InputError(f"--kinds is empty; known: {', '.join(KINDS)}")
     if output is not None:
-        check_writable(output, inputs=(capture,))
         known_suffix(output, (".html", ".htm"), "report")
+        check_writable(output, inputs=(capture,))
     stack = _read(capture, response, mask, sphere, grey)
     with ProgressBar("fitting kinds") as bar:
         found = assess_kinds(stack, wanted, leave_one_out=leave_one_out, robust=robust, device=device, progress=bar.update)
     click.echo("\n".join(assessment_lines(found)))
     if output is not None:
-        write_assessment(stack, output, found=found, title=f"{capture.name}: representations compared", device=device)
+        write_assessment(stack, output, found=found, title=f"{capture.name}: kinds compared", robust=robust, device=device)
         click.echo(f"wrote {output}")

@@ -11,13 +11,15 @@ import warp as wp
 
 from intaglio.devices import device_or_error
 from intaglio.errors import IntaglioError
-from intaglio.images import read_image
+from intaglio.images import read_exr, read_image
 from intaglio.kernels.launch import threads
 from intaglio.mesh_reading import read_surface
+from intaglio.photometric.exr_file import ATTRIBUTE
 from intaglio.photometric.light_positions import read_light_positions, tilt_and_slant
 from intaglio.photometric.reading import read_stack
 from intaglio.photometric.report import polar_plot
-from intaglio.photometric.stack import Exposure
+from intaglio.photometric.stack import Exposure, checked_lights
+from intaglio.photometric.writing import read_relightable
 from intaglio.relief.extent import sampling_distance
 from intaglio.relief.fit import fit_base
 from intaglio.render.variant import variant
@@ -89,7 +91,8 @@ def stack_facts(path: Path) -> list[str]:
     except IntaglioError as problem:
         if path.suffix.lower() != ".lp":
             raise
-        _, lights = read_light_positions(path)
+        names, lights = read_light_positions(path)
+        lights = checked_lights(lights, tuple(names))
         return [f"{len(lights)} lights", *_light_facts(lights), f"the images can't be read: {problem}"]
     count, height, width, channels = stack.shape
     seen = Exposure()
@@ -102,6 +105,26 @@ def stack_facts(path: Path) -> list[str]:
         f"overexposed {over:.2%}, black {under:.2%} of the values",
         *stack.notes,
     ]
+
+
+def texture_facts(path: Path) -> list[str]:
+    """Return kind, size and what was chosen of a relightable texture."""
+    texture = read_relightable(path)
+    height, width, channels = texture.shape
+    colour = "colour" if channels == 3 else "grey"
+    return [
+        f"relightable texture, kind {texture.kind}: {len(texture.maps)} maps of {width} x {height} pixels, {colour}"
+        + (" by luminance and chromaticity" if texture.chroma is not None else ""),
+        f"coefficients by a {texture.basis.parameters()['basis']} basis",
+        *texture.notes,
+    ]
+
+
+def is_texture(path: Path) -> bool:
+    """Tell whether a file is a relightable texture: a .ptm, or an EXR that describes one."""
+    if path.suffix.lower() != ".exr":
+        return path.suffix.lower() == ".ptm"
+    return ATTRIBUTE in read_exr(path)[1]
 
 
 def _light_facts(lights: Array) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -61,6 +62,64 @@ def check_writable(path: str | os.PathLike[str], *, inputs: tuple[str | os.PathL
     if path.exists() and not os.access(path, os.W_OK):
         raise FileError(f"{path}: exists and may not be overwritten (permissions)")
     return path
+
+
+def check_folder(path: str | os.PathLike[str]) -> Path:
+    """Return ``path`` as a Path, or raise `FileError` if it is no folder that can be written to, and can't be made one."""
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise FileError(f"{path}: is a file; give a folder")
+    nearest = path
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise FileError(f"{path}: the folder {nearest} can't be written to ({error.strerror})") from error
+    return path
+
+
+@contextmanager
+def whole_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give an empty folder inside ``folder`` to write to; what it holds takes its places at the end, all or nothing.
+
+    Files and folders of the same names are replaced, others stay.
+
+    Raises
+    ------
+    FileError
+        If ``folder`` can't be made or written to, a name is taken by something of another sort, or writing fails.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+    except OSError as error:
+        raise FileError(f"{folder}: can't be written to ({error.strerror or error})") from error
+    try:
+        inside = beside / "new"
+        inside.mkdir()
+        yield inside
+        made = sorted(inside.iterdir())
+        for path in made:
+            target = folder / path.name
+            if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
+                raise FileError(f"{target}: is in the way, and no {'folder' if path.is_dir() else 'file'}; move it")
+        umask = os.umask(0)
+        os.umask(umask)
+        for path in made:
+            os.chmod(path, (0o777 if path.is_dir() else 0o666) & ~umask)
+            target = folder / path.name
+            if target.is_dir():
+                os.replace(target, beside / f"old-{path.name}")
+            os.replace(path, target)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{folder}: could not be written to ({error.strerror or error})") from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 @contextmanager

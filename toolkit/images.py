@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +150,10 @@ def write_image(
             tifffile.imwrite(beside, stored, photometric=photometric)
         elif bits == 16:
             # Pillow has no 16-bit colour; it would write 8 bits without a word.
-            mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))
+            try:
+                mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))
+            except RuntimeError as error:
+                raise FileError(f"{path}: could not be written ({error})") from error
         else:
             from PIL import Image
 
@@ -198,8 +203,6 @@ def write_exr(
 
 
 def _read_png(path: Path) -> Array:
-    from PIL import Image
-
     with open(path, "rb") as file:
         head = file.read(26)
     if head[:8] != b"\x89PNG\r\n\x1a\n":
@@ -207,31 +210,54 @@ def _read_png(path: Path) -> Array:
     if head[24] == 16:
         # Pillow reads 16-bit colour as 8 bits without a word.
         return np.asarray(mitsuba().Bitmap(str(path)))
-    with Image.open(path) as image:
+    with _opened(path, "PNG") as image:
         has_alpha = "A" in image.mode or "transparency" in image.info
         grey = image.mode in ("1", "L", "LA") and not has_alpha
         return np.asarray(image.convert("L" if grey else "RGBA" if has_alpha else "RGB"))
 
 
 def _read_jpeg(path: Path) -> Array:
-    from PIL import Image
-
-    with Image.open(path) as image:
+    with _opened(path, "JPEG") as image:
         return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
 
 
 def _read_by_pillow(path: Path) -> Array:
-    from PIL import Image
-
-    with Image.open(path) as image:
+    with _opened(path, path.suffix[1:].upper()) as image:
         has_alpha = "A" in image.mode
         return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGBA" if has_alpha else "RGB"))
+
+
+@contextmanager
+def _opened(path: Path, kind: str) -> Iterator[Any]:
+    """Open an image with Pillow, of any size, if its content is what its name says."""
+    from PIL import Image
+
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        with Image.open(path) as image:
+            if image.format not in (kind, "MPO" if kind == "JPEG" else kind):
+                raise FileError(f"{path}: its content is {image.format}, not {kind} as its name says")
+            yield image
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
 
 
 def _read_tiff(path: Path) -> Array:
     import tifffile
 
-    return np.asarray(tifffile.imread(path))
+    with tifffile.TiffFile(path) as file:
+        page = file.pages.first
+        if len(file.pages) != 1:
+            raise FileError(f"{path}: holds {len(file.pages)} pages; an image has one")
+        name = page.photometric.name
+        if name not in ("MINISBLACK", "MINISWHITE", "RGB"):
+            raise FileError(f"{path}: stores colours as {name}; save it as grey or RGB")
+        values = np.asarray(page.asarray())
+        if values.ndim == 3 and page.planarconfig.name == "SEPARATE":
+            values = np.moveaxis(values, 0, 2)
+    if name == "MINISWHITE" and values.dtype.kind in "ub":
+        values = ~values if values.dtype.kind == "b" else np.iinfo(values.dtype).max - values
+    return values
 
 
 def _read_exr_image(path: Path) -> Array:

@@ -29,7 +29,7 @@ class RepresentationReport:
     leave_one_out : bool
         Whether every image was relit from a fit to the others (ability of prediction), or to all (ability of reconstruction).
     normalised_rms : float
-        η = mean over images of rms(relit − original) / std(original).
+        η = mean over images of rms(relit − original) / std(original); NaN if no image has any contrast.
     relative : float
         ‖relit − original‖ / ‖original‖ over all images together; grazing lights, whose images vary little, don't blow it up.
     per_image : (K,) float64 array
@@ -100,7 +100,7 @@ def assess_representation(
     if kind not in LINEAR_KINDS or robust:
         options = {"robust": robust, "integration": integration, "differentiation": differentiation, "device": device}
         return _assess_by_fitting(stack, kind, leave_one_out, options, report)
-    settings = Settings(order, interpolation, components, smoothing)
+    settings = Settings(order, interpolation, components, smoothing).checked()
     notes: tuple[str, ...] = ()
     if leave_one_out:
         needs = kind in ("eigen3", "eigen6", "rbf")
@@ -154,12 +154,13 @@ class _Errors:
 
     def report(self, kind: str, leave_one_out: bool, notes: tuple[str, ...]) -> RepresentationReport:
         """Return the errors; an image whose values are all equal has no normalised one."""
+        if not self.squares.any():
+            raise InputError("the stack is black: no value is over 0")
         mean = self.sums / self.number
         variance = np.maximum(self.squares / self.number - mean * mean, 0)
         flat = variance <= 1e-12 * np.maximum(self.squares / self.number, 1e-30)
         with np.errstate(divide="ignore", invalid="ignore"):
             per_image = np.where(flat, np.nan, np.sqrt(self.away / self.number) / np.sqrt(variance))
-        eta = float(np.mean(per_image[~flat])) if (~flat).any() else 0.0
-        whole = self.squares.sum()
-        relative = float(np.sqrt(self.away.sum() / whole)) if whole > 0 else 0.0
+        eta = float(np.mean(per_image[~flat])) if (~flat).any() else float("nan")
+        relative = float(np.sqrt(self.away.sum() / self.squares.sum()))
         return RepresentationReport(kind, leave_one_out, eta, relative, per_image, notes)

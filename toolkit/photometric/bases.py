@@ -164,8 +164,8 @@ def need_rank(matrix: Array, kind: str, names: Sequence[str]) -> None:
     values = np.linalg.svd(matrix, compute_uv=False)
     rank = int((values > 1e-3 * values[0]).sum())
     if rank < matrix.shape[1]:
-        why = "; they lie in one plane" if list(names) == ["x", "y", "z"] else "; do they all have one slant or one tilt?"
+        why = "they lie in one plane" if list(names) == ["x", "y", "z"] else "do they all have one slant or one tilt?"
         raise InputError(
-            f"the lights determine only {rank} of the {matrix.shape[1]} coefficients of {kind!r} ({', '.join(names)}){why} "
-            "Take lights from more directions, or a kind with fewer coefficients"
+            f"the lights determine only {rank} of the {matrix.shape[1]} coefficients of {kind!r} ({', '.join(names)}): {why}; "
+            "take lights from more directions, or a kind with fewer coefficients"
         )

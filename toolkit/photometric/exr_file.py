@@ -9,13 +9,21 @@ import numpy as np
 
 from intaglio.errors import FileError, InputError
 from intaglio.images import read_exr, write_exr
-from intaglio.photometric.bases import Basis, HemisphericalBasis, LambertBasis, PolynomialBasis, ThreeImageBasis
-from intaglio.photometric.interpolation import GridBasis, RadialBasis, TriangleBasis
+from intaglio.photometric.bases import (
+    Basis,
+    HemisphericalBasis,
+    LambertBasis,
+    PolynomialBasis,
+    ThreeImageBasis,
+    coefficients,
+)
+from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, GridBasis, RadialBasis, TriangleBasis
 from intaglio.photometric.relightable import Relightable
 
 Array = np.ndarray
 
 ATTRIBUTE = "intaglioRelightable"
+VERSION = 1
 _BASES: dict[str, type] = {
     "lambert": LambertBasis,
     "three-images": ThreeImageBasis,
@@ -40,7 +48,7 @@ def write_relightable_exr(texture: Relightable, path: str | os.PathLike[str]) ->
         plane = getattr(texture, name)
         if plane is not None:
             channels[f"{name}.Y"] = plane.astype(np.float32)
-    described = {"version": 1, "kind": texture.kind, "basis": texture.basis.parameters(), "notes": list(texture.notes)}
+    described = {"version": VERSION, "kind": texture.kind, "basis": texture.basis.parameters(), "notes": list(texture.notes)}
     write_exr(channels, path, metadata={ATTRIBUTE: json.dumps(described)})
 
 
@@ -55,6 +63,8 @@ def read_relightable_exr(path: str | os.PathLike[str]) -> Relightable:
     channels, header = read_exr(path)
     try:
         described = json.loads(str(header[ATTRIBUTE]))
+        if described["version"] != VERSION:
+            raise InputError(f"it is of version {described['version']}, this program reads version {VERSION}")
         letters = "RGB" if "map00.R" in channels else "Y"
         count = sum(name.startswith("map") and name.endswith("." + letters[0]) for name in channels)
         maps = np.stack([np.stack([channels[f"map{j:02d}.{c}"] for c in letters], axis=-1) for j in range(count)])
@@ -70,7 +80,8 @@ def read_relightable_exr(path: str | os.PathLike[str]) -> Relightable:
             channels.get("confidence.Y"),
             tuple(described["notes"]),
         )
-    except (KeyError, TypeError, ValueError, InputError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError, InputError) as error:
+        # LinAlgError is a ValueError.
         raise FileError(f"{path}: is an EXR, but no relightable texture ({error})") from error
 
 
@@ -80,14 +91,49 @@ def basis_from_parameters(parameters: dict[str, object]) -> Basis:
     Raises
     ------
     InputError
-        If the name is unknown or something is missing.
+        If the name is unknown, something is missing or has another shape, or coefficients come out that are not finite.
     """
+    if not isinstance(parameters, dict):
+        raise InputError("its basis is no set of parameters")
     given = {k: np.asarray(v) if isinstance(v, list) else v for k, v in parameters.items()}
     name = str(given.pop("basis", None))
     if name not in _BASES:
         raise InputError(f"basis {name!r} is not known; known: {', '.join(_BASES)}")
+    for key, value in given.items():
+        if isinstance(value, np.ndarray) and not (value.dtype.kind in "if" and value.size and np.isfinite(value).all()):
+            raise InputError(f"{key} of basis {name!r} is no array of finite numbers")
     try:
         basis: Basis = _BASES[name](**given)
     except TypeError as error:
         raise InputError(f"basis {name!r} lacks or has too many parameters ({error})") from error
+    _check(basis)
+    lights = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.96, 0.28]])
+    if not np.isfinite(coefficients(basis, lights)).all():
+        raise InputError(f"basis {name!r} gives coefficients that are not finite")
     return basis
+
+
+def _check(basis: Basis) -> None:
+    """Raise `InputError` if a basis' arrays don't fit each other, or a word is unknown."""
+    fits = True
+    if isinstance(basis, ThreeImageBasis):
+        fits = basis.lights.shape == (3, 3)
+    elif isinstance(basis, HemisphericalBasis):
+        fits = basis.order in (2, 3)
+    elif isinstance(basis, GridBasis):
+        rising = (np.diff(basis.tilts) > 0).all() and (np.diff(basis.slants) > 0).all() and np.ptp(basis.tilts) < 360
+        fits = basis.table.ndim == 3 and basis.table.shape[:2] == (len(basis.tilts), len(basis.slants)) and bool(rising)
+    elif isinstance(basis, TriangleBasis):
+        count = len(basis.nodes)
+        corners = basis.triangles
+        fits = basis.nodes.shape == (count, 3) and basis.table.ndim == 2 and len(basis.table) == count
+        fits = fits and corners.ndim == 2 and corners.shape[1] == 3 and corners.dtype.kind == "i"
+        fits = fits and corners.min() >= 0 and corners.max() < count
+    elif isinstance(basis, RadialBasis):
+        count = len(basis.lights)
+        known = basis.chart in CHARTS and basis.kernel in KERNELS and basis.trend in TRENDS
+        fits = known and basis.lights.shape == (count, 3) and basis.weights.ndim == 2 and len(basis.weights) == count
+        functions = 3 if basis.trend == "chart" and basis.chart != "chord" else 4
+        fits = fits and basis.drift.shape == (functions, basis.weights.shape[1])
+    if not fits:
+        raise InputError(f"the parameters of its basis ({type(basis).__name__}) don't fit each other")

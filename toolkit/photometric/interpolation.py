@@ -311,8 +311,6 @@ def interpolate(lights: Array, table: Array, scheme: str = "auto") -> Basis:
     InputError
         If the lights form no grid and one is asked for, or can't be triangulated.
     """
-    if scheme not in ("auto", "grid", "triangles"):
-        raise InputError(f"interpolation {scheme!r} is not known; known: auto, grid, triangles")
     grid = grid_of(lights) if scheme != "triangles" else None
     if grid is not None:
         tilts, slants, numbers = grid

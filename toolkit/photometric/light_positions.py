@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import os
+import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,12 @@ def light_direction(tilt: float, slant: float) -> Array:
     """Return the unit vector (cos τ sin σ, sin τ sin σ, cos σ) towards a light of ``tilt`` τ and ``slant`` σ, in degrees."""
     t, s = np.radians(tilt), np.radians(slant)
     return np.array([np.cos(t) * np.sin(s), np.sin(t) * np.sin(s), np.cos(s)])
+
+
+def unit(vectors: Array) -> Array:
+    """Return unit vectors along ``vectors`` (..., 3) that are finite and not zero, whatever their size."""
+    scaled = vectors / np.abs(vectors).max(axis=-1, keepdims=True)
+    return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
 
 
 def tilt_and_slant(lights: Array) -> tuple[Array, Array]:
@@ -48,9 +56,9 @@ def read_light_positions(path: str | os.PathLike[str]) -> tuple[list[str], Array
         If a line is not a name and three finite numbers, or the count is wrong.
     """
     path = check_readable(path)
-    lines = [line.strip() for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
+    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()]
     lines = [line for line in lines if line]
-    promised = int(lines[0]) if lines and lines[0].isdigit() else None
+    promised = int(lines[0]) if lines and re.fullmatch("[0-9]{1,9}", lines[0]) else None
     names, lights = [], []
     for number, line in enumerate(lines[promised is not None :], start=1):
         words = line.rsplit(maxsplit=3)
@@ -63,7 +71,7 @@ def read_light_positions(path: str | os.PathLike[str]) -> tuple[list[str], Array
         if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
             raise InputError(f"{path}: entry {number} is not 'name x y z' with a direction: {line!r}")
         names.append(words[0].replace("\\", "/"))
-        lights.append(vector / np.linalg.norm(vector))
+        lights.append(unit(vector))
     if not names:
         raise InputError(f"{path}: holds no lights")
     if promised is not None and promised != len(names):
@@ -87,7 +95,10 @@ def read_lights_csv(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
     path = check_readable(path)
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     separator = next((s for s in ";\t" if s in text.partition("\n")[0]), ",")
-    rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines(), delimiter=separator)]
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines(), delimiter=separator)]
+    except csv.Error as error:
+        raise InputError(f"{path}: is no table of lights ({error})") from error
     rows = [row for row in rows if any(row)]
     heading = [cell.lower() for cell in rows[0]] if rows else []
     known = {"tilt", "slant", "x", "y", "z"} & set(heading)
@@ -109,7 +120,7 @@ def read_lights_csv(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
             raise InputError(f"{path}: row {number} is not 'image, tilt, slant' or 'image, x, y, z': {', '.join(row)!r}")
         vector = light_direction(*numbers) if len(numbers) == 2 else np.array(numbers)
         names.append(row[0].replace("\\", "/"))
-        lights.append(vector / np.linalg.norm(vector))
+        lights.append(unit(vector))
     if not names:
         raise InputError(f"{path}: holds no lights")
     return names, np.array(lights)
@@ -127,7 +138,9 @@ def read_table(path: str | os.PathLike[str], columns: tuple[int, ...], what: str
     """
     path = check_readable(path)
     try:
-        table = np.loadtxt(Path(path), ndmin=2, delimiter=_delimiter(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that a table is empty is told below
+            table = np.loadtxt(Path(path), ndmin=2, delimiter=_delimiter(path), encoding="utf-8")
     except ValueError as error:
         raise InputError(f"{path}: is no table of {what} ({error})") from error
     if not np.isfinite(table).all():

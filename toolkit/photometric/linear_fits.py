@@ -34,6 +34,8 @@ LINEAR_KINDS = ("3i", *LEAST_SQUARES, "eigen3", "eigen6", "rbf")
 # Shares of the unit of distance squared; which one suits is decided by cross-validation.
 SMOOTHING = (0.0, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)
 MOST_COMPONENTS = 18
+MOST_SMOOTHING = 1e6
+SCHEMES = ("auto", "grid", "triangles")
 
 # Chart, kernel, trend and smoothing of a radial basis.
 Scheme = tuple[str, str, str, float]
@@ -97,6 +99,19 @@ class Settings:
     interpolation: str = "auto"
     components: int | None = None
     smoothing: float | None = None
+
+    def checked(self) -> Settings:
+        """Return the settings, or raise `InputError` for one that is out of range for any stack."""
+        if self.order not in (2, 3) or not isinstance(self.order, int):
+            raise InputError(f"order {self.order} of hemispherical harmonics is not known; 2 (4 maps) or 3 (9 maps)")
+        if self.interpolation not in SCHEMES:
+            raise InputError(f"interpolation {self.interpolation!r} is not known; known: {', '.join(SCHEMES)}")
+        if self.components is not None and (not isinstance(self.components, int | np.integer) or self.components < 1):
+            raise InputError(f"components must be a whole number from 1 on, not {self.components!r}")
+        is_number = isinstance(self.smoothing, int | float | np.number)
+        if self.smoothing is not None and not (is_number and 0 <= self.smoothing <= MOST_SMOOTHING):
+            raise InputError(f"smoothing must be a number from 0 to {MOST_SMOOTHING:g}, not {self.smoothing!r}")
+        return self
 
 
 @dataclass(frozen=True)
@@ -210,8 +225,6 @@ def _least_squares_basis(kind: str, settings: Settings) -> tuple[Basis, tuple[st
         return LambertBasis(), ("x", "y", "z")
     if kind == "ptm":
         return PolynomialBasis(), ("x²", "y²", "xy", "x", "y", "1")
-    if settings.order not in (2, 3):
-        raise InputError(f"order {settings.order} of hemispherical harmonics is not known; 2 (4 maps) or 3 (9 maps)")
     basis = HemisphericalBasis(settings.order)
     return basis, tuple(f"h{i}" for i in range(basis.size))
 
@@ -258,10 +271,8 @@ def _smooth_inverses(lights: Array, settings: Settings) -> dict[Scheme, Array]:
     count = len(lights)
     if count < 6:
         raise InputError(f"kind 'rbf' needs at least 6 images, the stack has {count}")
-    if settings.components is not None and not 1 <= settings.components <= count:
+    if settings.components is not None and settings.components > count:
         raise InputError(f"components must be from 1 to the number of images, {count}, not {settings.components}")
-    if settings.smoothing is not None and not (np.isfinite(settings.smoothing) and settings.smoothing >= 0):
-        raise InputError(f"smoothing must be a finite number from 0 on, not {settings.smoothing}")
     need_spread(lights)
     tried = SMOOTHING if settings.smoothing is None else (settings.smoothing,)
     inverses: dict[Scheme, Array] = {}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.errors import FileError
-from intaglio.files import check_writable, whole_file
+from intaglio.files import check_folder, check_writable, whole_file, whole_folder
 from intaglio.images import write_exr, write_image
 from intaglio.photometric.heights import height_from_gradients
 from intaglio.photometric.normals import SurfaceMaps, surface_maps
@@ -16,6 +16,8 @@ from intaglio.photometric.relightable import Relightable
 from intaglio.render.compare import encode_srgb
 
 Array = np.ndarray
+
+MAP_NAMES = ("normal.png", "albedo.png", "height.png", "maps.exr")
 
 
 def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: str = "cosine") -> Array:
@@ -38,27 +40,22 @@ def write_maps(texture: Relightable, folder: str | os.PathLike[str]) -> list[Pat
     -------
     list of Path
     """
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise FileError(f"{folder}: is a file; give a folder for the maps")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{folder}: could not be made ({error.strerror})") from error
+    folder = check_folder(folder)
     maps = surface_maps(texture)
     height = height_of(texture, maps).astype(np.float64)
     albedo = np.repeat(maps.albedo, 3, axis=2) if maps.albedo.shape[2] == 1 else maps.albedo
-    paths = [folder / name for name in ("normal.png", "albedo.png", "height.png", "maps.exr")]
     spread = float(np.ptp(height)) or 1.0
-    write_image(maps.normal * 0.5 + 0.5, paths[0], bits=16)
-    write_image(albedo, paths[1])
-    write_image((height - height.min()) / spread, paths[2], bits=16)
     channels = {f"normal.{c}": maps.normal[:, :, i] for i, c in enumerate("XYZ")}
     channels |= {f"albedo.{c}": albedo[:, :, i] for i, c in enumerate("RGB")} | {"height.Y": height}
     if texture.confidence is not None:
         channels["confidence.Y"] = texture.confidence
-    write_exr(channels, paths[3])
-    return paths
+    with whole_folder(folder) as beside:
+        paths = [beside / name for name in MAP_NAMES]
+        write_image(maps.normal * 0.5 + 0.5, paths[0], bits=16)
+        write_image(albedo, paths[1])
+        write_image((height - height.min()) / spread, paths[2], bits=16)
+        write_exr(channels, paths[3])
+    return [folder / name for name in MAP_NAMES]
 
 
 def write_gltf(texture: Relightable, path: str | os.PathLike[str]) -> None:

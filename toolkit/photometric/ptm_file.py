@@ -99,10 +99,12 @@ def read_ptm(path: str | os.PathLike[str]) -> Relightable:
     known = ("PTM_FORMAT_RGB", "PTM_FORMAT_LRGB", *_STREAMS)
     if name not in known:
         raise FileError(f"{path}: format {name!r} can't be read; known: {', '.join(known)}")
-    width, height = (int(v) for v in reader.numbers(2))
+    width, height = reader.integers(2)
     if not (0 < width <= 65536 and 0 < height <= 65536):
         raise FileError(f"{path}: gives a size of {width} x {height} pixels")
     scale, bias = np.array(reader.numbers(6)), np.array(reader.numbers(6))
+    if not (np.abs(scale) <= 1e6).all() or not (np.abs(bias) <= 1e6).all():
+        raise FileError(f"{path}: its scales and biases must be finite numbers, not {scale.tolist()} and {bias.tolist()}")
     if name in _STREAMS:
         planes = _jpeg_planes(reader, _STREAMS[name], (height, width))
     else:
@@ -142,6 +144,13 @@ class _Header:
             raise FileError(f"{self.path}: has {len(found)} numbers where {count} should be")
         return found
 
+    def integers(self, count: int) -> list[int]:
+        """Return the next ``count`` whole numbers."""
+        found = self.numbers(count)
+        if not all(abs(v) < 1e15 and v == int(v) for v in found):
+            raise FileError(f"{self.path}: has {found} where whole numbers should be")
+        return [int(v) for v in found]
+
     def take(self, size: int) -> bytes:
         """Return the next ``size`` bytes."""
         if self.position + size > len(self.content):
@@ -170,24 +179,33 @@ def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
     from PIL import Image
 
     reader.numbers(1)
-    transforms = reader.numbers(count)
-    motion = reader.numbers(count) + reader.numbers(count)
-    order, reference, sizes, side = (np.array(reader.numbers(count), int) for _ in range(4))
+    transforms = reader.integers(count)
+    motion = reader.integers(count) + reader.integers(count)
+    order, reference, sizes, side = (np.array(reader.integers(count)) for _ in range(4))
     if any(motion):
         raise FileError(f"{reader.path}: uses motion compensation, which can't be read")
-    if sorted(order) != list(range(count)) or (reference >= count).any() or (sizes < 0).any() or (side < 0).any():
+    predicted_from = np.flatnonzero(reference >= 0)
+    if (
+        sorted(order) != list(range(count))
+        or (reference >= count).any()
+        or (order[reference[predicted_from]] >= order[predicted_from]).any()
+        or (sizes < 0).any()
+        or (side < 0).any()
+    ):
         raise FileError(f"{reader.path}: its lines of order, references or sizes make no sense")
-    planes = np.empty((count, *shape), np.uint8)
+    planes: list[Array] = []
     extra: list[bytes] = []
     for i in range(count):
+        stream = io.BytesIO(reader.take(int(sizes[i])))
         try:
-            with Image.open(io.BytesIO(reader.take(int(sizes[i])))) as image:
-                plane = np.asarray(image.convert("L"))
-        except OSError as error:
+            with Image.open(stream, formats=["JPEG"]) as image:
+                size = image.size
+                plane = np.array(image.convert("L")) if size == (shape[1], shape[0]) else None
+        except (OSError, Image.DecompressionBombError) as error:
             raise FileError(f"{reader.path}: stream {i} is no readable JPEG ({error})") from error
-        if plane.shape != shape:
-            raise FileError(f"{reader.path}: stream {i} is {plane.shape[1]} x {plane.shape[0]}, not {shape[1]} x {shape[0]}")
-        planes[i] = plane
+        if plane is None:
+            raise FileError(f"{reader.path}: stream {i} is {size[0]} x {size[1]}, not {shape[1]} x {shape[0]}")
+        planes.append(plane)
         extra.append(reader.take(int(side[i])))
     for i in np.argsort(order):
         if reference[i] >= 0:
@@ -198,4 +216,4 @@ def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
         where = (entries[:, :4] * np.array([1 << 24, 1 << 16, 1 << 8, 1])).sum(axis=1)
         inside = where < planes[i].size
         planes[i].reshape(-1)[where[inside]] = entries[inside, 4]
-    return planes
+    return np.stack(planes)

@@ -24,6 +24,8 @@ Array = np.ndarray
 MEMORY_BYTES = 1 << 31
 
 STACK_SUFFIXES = (".lp", ".csv", ".txt")
+# Names that are no photographs of a stack: a sphere's reference, and maps that were written beside it.
+_NO_IMAGES = ("mask", "ref", "normal", "albedo", "height", "maps")
 _LIGHT_FILES = ("lights.csv", "light_directions.txt", "lights.txt")
 
 
@@ -83,14 +85,15 @@ def read_stack(
         listed = ", ".join(str(p) for p in missing[:8]) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
         raise FileError(f"{source}: {len(missing)} of its {len(paths)} images are not there: {listed}")
     first = read_samples(paths[0])
-    if first.dtype.kind not in "uf":
+    if first.dtype.kind != "f" and first.dtype not in (np.uint8, np.uint16):
         raise FileError(f"{paths[0]}: holds {first.dtype} values; images of 8 or 16 bits, or floats, are needed")
     channels = 1 if first.ndim == 2 or first.shape[2] <= 2 else 3
-    gain = _gain(folder if intensities is None else Path(intensities), len(lights))
+    strengths = folder / "light_intensities.txt" if intensities is None else Path(intensities)
+    gain = _gain(strengths, len(lights)) if intensities is not None or strengths.exists() else None
     if gain is not None and gain.shape[1] == 3:
         channels = 3
     shape = (len(paths), first.shape[0], first.shape[1], 1 if grey else channels)
-    files = ImageFiles(tuple(paths), shape, decode_value, gain, (1 / 3, 1 / 3, 1 / 3) if grey else None)
+    files = ImageFiles(tuple(paths), shape, first.dtype, decode_value, gain, (1 / 3, 1 / 3, 1 / 3) if grey else None)
     known, notes = _mask(folder, mask)
     labels = tuple(str(p) for p in paths)
     ceiling: Array | float = 1.0 if first.dtype.kind == "u" else np.inf
@@ -114,7 +117,9 @@ def _lights(path: Path, sphere: str | os.PathLike[str] | None) -> tuple[Path, li
         if not pictures:
             raise FileError(f"{sphere}: holds no pictures of a sphere")
         count = len(_images_of(path))
-        found = lights_from_sphere([read_image(p, linear=True) for p in pictures[:count]])
+        if len(pictures) != count:
+            raise InputError(f"{sphere}: holds {len(pictures)} pictures of a sphere for {count} images in {path}; give one each")
+        found = lights_from_sphere([read_image(p, linear=True) for p in pictures])
         return path, [], found.lights, Path(sphere)
     if path.is_dir():
         candidates = [path / n for n in _LIGHT_FILES if (path / n).exists()] or sorted(path.glob("*.lp"))
@@ -133,7 +138,8 @@ def _lights(path: Path, sphere: str | os.PathLike[str] | None) -> tuple[Path, li
     elif suffix == ".txt":
         lights = read_table(path, (3,), "light directions x, y, z")
         listing = path.parent / "filenames.txt"
-        names = listing.read_text(encoding="utf-8").split() if listing.exists() else []
+        text = check_readable(listing).read_text(encoding="utf-8-sig", errors="replace") if listing.exists() else ""
+        names = [line.strip() for line in text.splitlines() if line.strip()]
     else:
         raise FileError(f"{path}: is no list of lights; known are .lp, .csv, .txt, or a folder that holds one")
     return path.parent, names, lights, path
@@ -143,8 +149,15 @@ def _image_paths(folder: Path, names: list[str], count: int, source: Path) -> li
     if names:
         if len(names) != count:
             raise InputError(f"{source}: {count} lights, but {len(names)} images are named")
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"{source}: names {twice[0]} more than once; every light has its own image")
         return [folder / name for name in names]
     found = _images_of(folder)
+    if len(found) > count:
+        # What else lies there, such as a texture that was written, is of another type.
+        kinds = [p.suffix.lower() for p in found]
+        found = [p for p in found if p.suffix.lower() == max(kinds, key=kinds.count)]
     if len(found) == count:
         return found
     below = {d.name.lower(): _images_of(d) for d in sorted(folder.iterdir()) if d.is_dir()}
@@ -160,10 +173,13 @@ def _images_of(folder: Path) -> list[Path]:
     """Return the folder's images in natural order (2 before 10), without masks and sphere references."""
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder")
-    images = [p for p in folder.iterdir() if p.suffix.lower() in READABLE_SUFFIXES and p.stem.lower() not in ("mask", "ref")]
+    images = [p for p in folder.iterdir() if p.suffix.lower() in READABLE_SUFFIXES and p.stem.lower() not in _NO_IMAGES]
 
     def natural(path: Path) -> list[tuple[int, str]]:
-        return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name.lower())]
+        return [
+            (int(part), "") if part.isdecimal() and part.isascii() else (-1, part)
+            for part in re.split("([0-9]+)", path.name.lower())
+        ]
 
     return sorted(images, key=natural)
 
@@ -172,8 +188,9 @@ def _response(response: str | float | None) -> Callable[[Array], Array]:
     """Return a function from stored samples to linear float32 values."""
     if isinstance(response, str) and response not in ("linear", "srgb"):
         raise InputError(f"response {response!r} is not known; give 'linear', 'srgb' or a gamma such as 2.2")
-    if not isinstance(response, str) and response is not None and not (np.isfinite(response) and response > 0):
-        raise InputError(f"response {response} is no gamma: it must be a finite number over 0")
+    is_gamma = isinstance(response, (int, float, np.number)) and 0.1 <= response <= 10
+    if response is not None and not isinstance(response, str) and not is_gamma:
+        raise InputError(f"response {response} is no gamma: it must be a number from 0.1 to 10")
     tables: dict[np.dtype, Array] = {}
 
     def curve(values: Array, eight_bit: bool) -> Array:
@@ -195,12 +212,8 @@ def _response(response: str | float | None) -> Callable[[Array], Array]:
     return decode
 
 
-def _gain(path: Path, count: int) -> Array | None:
-    """Return (K, 1 or 3) factors that undo the lights' intensities, or None."""
-    if path.is_dir():
-        path = path / "light_intensities.txt"
-        if not path.exists():
-            return None
+def _gain(path: Path, count: int) -> Array:
+    """Return (K, 1 or 3) factors that undo the lights' intensities."""
     table = read_table(path, (1, 3), "light intensities")
     if len(table) != count:
         table = table.T if table.T.shape == (count, 3) else table
@@ -217,11 +230,13 @@ def _mask(folder: Path, mask: str | os.PathLike[str] | Array | None) -> tuple[Ar
         if not beside.exists():
             return None, ()
         return _mask_image(beside), (f"{beside} masks the stack",)
-    if isinstance(mask, np.ndarray):
-        return mask, ()
-    return _mask_image(Path(mask)), ()
+    if isinstance(mask, (str, os.PathLike)):
+        return _mask_image(Path(mask)), ()
+    return np.asarray(mask), ()
 
 
 def _mask_image(path: Path) -> Array:
     values = read_image(path, linear=True)
+    if values.ndim == 3 and values.shape[2] == 4:
+        values = values[:, :, :3] * values[:, :, 3:]
     return np.asarray((values if values.ndim == 2 else values[:, :, :3].max(axis=2)) > 0.5)

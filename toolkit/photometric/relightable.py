@@ -59,11 +59,16 @@ class Relightable:
             raise InputError(f"maps must be (n, H, W, C) with 1 or 3 channels, not {maps.shape}")
         if len(maps) != self.basis.size:
             raise InputError(f"there are {len(maps)} maps but the basis has {self.basis.size} coefficients")
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not np.isfinite(maps.sum(dtype=np.float64)) and not np.isfinite(maps).all():
+                raise InputError("maps have values that are not finite (NaN or infinite)")
         object.__setattr__(self, "maps", maps)
         if self.chroma is not None and (maps.shape[3] != 1 or self.chroma.shape != (*maps.shape[1:3], 3)):
             raise InputError(f"chroma {self.chroma.shape} does not fit maps {maps.shape}: it is (H, W, 3), beside one channel")
         for name in ("mask", "height", "confidence"):
             plane = getattr(self, name)
+            if plane is not None and not isinstance(plane, np.ndarray):
+                raise InputError(f"{name} must be an array (H, W), not {type(plane).__name__}")
             if plane is not None and plane.shape != maps.shape[1:3]:
                 raise InputError(f"{name} is {plane.shape}, the maps are {maps.shape[1:3]}")
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from intaglio.errors import FileError
 from intaglio.files import check_readable
+from intaglio.photometric.light_positions import unit
 from intaglio.photometric.relightable import Relightable
 from intaglio.render.relightable import relightable_bsdf, relit
 from intaglio.render.view import frame
@@ -39,7 +40,15 @@ def read_textured_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Arra
     uv = getattr(getattr(mesh, "visual", None), "uv", None)
     if uv is None or len(uv) != len(mesh.vertices) or len(mesh.faces) == 0:
         raise FileError(f"{path}: has no faces with texture coordinates; unwrap it first, or give an OBJ or glTF that has them")
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.asarray(uv)
+    vertices, faces, uv = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces), np.asarray(uv, np.float64)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise FileError(f"{path}: has faces that name vertices which are not there (there are {len(vertices)})")
+    for what, values, most in (("vertices", vertices, 1e15), ("texture coordinates", uv, 1e6)):
+        if not (np.abs(values) <= most).all():
+            raise FileError(f"{path}: has {what} that are not finite, or larger than {most:g}")
+    if not np.ptp(vertices[faces].reshape(-1, 3), axis=0).max() > 0 or not mesh.area > 0:
+        raise FileError(f"{path}: its faces have no area")
+    return vertices, faces, uv
 
 
 def render_on_mesh(
@@ -75,6 +84,7 @@ def render_on_mesh(
         Linear; white where nothing is seen.
     """
     vertices, faces, uv = read_textured_mesh(path)
-    camera = frame(vertices, direction, margin=1.05)
+    camera = frame(vertices, unit(np.asarray(direction, np.float64)), margin=1.05)
+    towards = unit(np.asarray(light, np.float64))
     bsdf = bsdf_of(texture, repeat=(repeat, repeat), back=True)
-    return relit(vertices, faces, uv, bsdf, camera=camera, light=light, size=size, samples=samples, background=1.0, seed=seed)
+    return relit(vertices, faces, uv, bsdf, camera=camera, light=towards, size=size, samples=samples, background=1.0, seed=seed)

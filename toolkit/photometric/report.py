@@ -79,7 +79,7 @@ def assess_kinds(
         if progress is not None:
             progress(number + 1, len(kinds))
     if not any(first for first, _ in found.values()):
-        raise InputError("; ".join(reasons))
+        raise InputError("; ".join(dict.fromkeys(reasons)) or f"no kinds are given; known: {', '.join(KINDS)}")
     return found
 
 
@@ -87,7 +87,7 @@ def assessment_lines(found: Reports) -> list[str]:
     """Return a table as lines: normalised rms error and relative residual, of reconstruction and of leaving one out."""
     lines = [f"{'kind':<10}{'eta':>8}{'eta, left out':>16}{'residual':>10}{'residual, left out':>20}"]
     for kind, reports in found.items():
-        first, second = (("-", "-") if r is None else (f"{r.normalised_rms:.3f}", f"{r.relative:.3f}") for r in reports)
+        first, second = (("-", "-") if r is None else (_figure_of(r.normalised_rms), _figure_of(r.relative)) for r in reports)
         lines.append(f"{kind:<10}{first[0]:>8}{second[0]:>16}{first[1]:>10}{second[1]:>20}")
     return lines
 
@@ -98,6 +98,7 @@ def write_assessment(
     *,
     found: Reports | None = None,
     title: str = "Representations of a photometric stack",
+    robust: bool = False,
     device: str | None = None,
 ) -> None:
     """Write one HTML page: table and plots of all kinds, the lights, and photographs beside what the kinds make of them.
@@ -110,12 +111,14 @@ def write_assessment(
     found : dict, optional
         From `assess_kinds`; made here if not given.
     title : str
+    robust : bool
+        Fit gradient and height robustly.
     device : str, optional
     """
-    found = assess_kinds(stack, device=device) if found is None else found
+    found = assess_kinds(stack, robust=robust, device=device) if found is None else found
     rows = []
     for kind, reports in found.items():
-        cells = [("–", "–") if r is None else (f"{r.normalised_rms:.3f}", f"{r.relative:.3f}") for r in reports]
+        cells = [("-", "-") if r is None else (_figure_of(r.normalised_rms), _figure_of(r.relative)) for r in reports]
         rows.append([kind, *cells[0], *cells[1]])
     names = ["kind", "η", "relative residual", "η, left out", "relative residual, left out"]
     body = [table("Errors", names, rows)]
@@ -125,10 +128,16 @@ def write_assessment(
     )
     body.append("<h2>Plots</h2><div class=row>" + _bars(found) + _lights(stack.lights) + _by_slant(found, stack) + "</div>")
     chosen = _examples(stack.lights)
-    textures = {kind: represent(stack, kind, device=device) for kind, (first, _) in found.items() if first is not None}
-    top = max(float(np.quantile(stack.image(k), 0.995)) for k in chosen) or 1.0
-    for k in chosen:
-        original = stack.image(k)
+    textures = {
+        kind: represent(stack, kind, robust=robust and kind in ("gradient", "height"), device=device)
+        for kind, (first, _) in found.items()
+        if first is not None
+    }
+    photographs = {
+        k: stack.image(k) if stack.mask is None else np.where(stack.mask[..., None], stack.image(k), 0) for k in chosen
+    }
+    top = max(float(np.quantile(p, 0.995)) for p in photographs.values()) or 1.0
+    for k, original in photographs.items():
         tilt, slant = (float(a) for a in tilt_and_slant(stack.lights[k]))
         pictures = {"photograph": _reduced(original / top)}
         pictures |= {kind: _reduced(texture.relight(stack.lights[k]) / top) for kind, texture in textures.items()}
@@ -137,6 +146,10 @@ def write_assessment(
     if notes or stack.notes:
         body.append(listing("What was chosen", [*stack.notes, *notes]))
     write_page(path, title, body)
+
+
+def _figure_of(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "-"
 
 
 def _reduced(image: Array, longest: int = 480) -> Array:
@@ -157,7 +170,7 @@ def _examples(lights: Array) -> list[int]:
 
 def _bars(found: Reports) -> str:
     """Draw η per kind, reconstruction and prediction side by side."""
-    values = {k: [r.normalised_rms if r is not None else 0.0 for r in reports] for k, reports in found.items()}
+    values = {k: [0.0 if r is None else float(np.nan_to_num(r.normalised_rms)) for r in pair] for k, pair in found.items()}
     top = max(max(v) for v in values.values()) or 1.0
     step = 300 / len(values)
     shapes = ""
@@ -188,10 +201,10 @@ def _lights(lights: Array) -> str:
 def _by_slant(found: Reports, stack: PhotometricStack) -> str:
     """Draw the errors of the best kind's images against their lights' slants."""
     usable = {k: (b or a) for k, (a, b) in found.items() if (b or a) is not None}
-    kind, best = min(usable.items(), key=lambda item: item[1].normalised_rms if item[1] is not None else np.inf)
+    kind, best = min(usable.items(), key=lambda item: np.inf if item[1] is None else item[1].relative)
     assert best is not None
     _, slant = tilt_and_slant(stack.lights)
-    top = float(np.nanmax(best.per_image)) or 1.0
+    top = max((float(e) for e in best.per_image if np.isfinite(e)), default=0.0) or 1.0
     shapes = '<line x1="10" y1="131" x2="310" y2="131" stroke="#bbb"/>'
     for s, e in zip(slant, best.per_image, strict=True):
         if np.isfinite(e):

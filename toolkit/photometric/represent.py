@@ -115,7 +115,7 @@ def represent(
         raise InputError(f"robust fitting is there for 'gradient' and 'height', not for {kind!r}")
     device = device_or_error(device)
     report = progress or (lambda done, total: None)
-    settings = Settings(order, interpolation, components, smoothing)
+    settings = Settings(order, interpolation, components, smoothing).checked()
     # Lights are checked before the long work.
     if kind in LINEAR_KINDS[:4] or kind == "height":
         fit_linear("gradient" if kind == "height" else kind, stack.lights, None, settings)
@@ -132,6 +132,8 @@ def represent(
     notes: tuple[str, ...] = ()
     if robust:
         maps, confidence = _robust_maps(stack, device, report)
+        if not maps.any():
+            raise InputError("the stack is black: no value is over 0")
         fit = LinearFit(np.zeros((0, 3)), LambertBasis())
     else:
         first = "gradient" if kind == "height" else kind
@@ -179,9 +181,10 @@ def linear_fit(
         del images  # before the next ones are made: memory holds the maps once
         _, rotation = np.linalg.eigh(vectors.T @ turned)
         found, _ = np.linalg.qr(turned @ rotation[:, ::-1])
-        moved = np.linalg.norm(found - vectors @ (vectors.T @ found), ord=2)
+        # Weighed by what the images hold: directions of mere noise may turn as they like.
+        outside = np.linalg.norm(turned - vectors @ (vectors.T @ turned))
         vectors = found * np.where(found.sum(axis=0) < 0, -1, 1)
-        if moved < 1e-3:
+        if outside <= 1e-4 * np.linalg.norm(turned):
             break
     if isinstance(fit.basis, RadialBasis):
         old = fit.basis
@@ -203,11 +206,13 @@ def stack_moments(stack: PhotometricStack) -> Moments:
             number += values.shape[1]
         return Moments(gram, sums, number)
     step = max(1, int(np.ceil(np.sqrt(count))))
-    sample = np.stack([stack.image(k)[::step, ::step] for k in range(count)])
-    mask = None if stack.mask is None else stack.mask[::step, ::step]
-    values = _values(sample, mask, slice(None))
-    if values.shape[1] == 0:
-        raise InputError("the mask leaves no pixels of the sample that principal images are found by; use a larger mask")
+    chosen = np.zeros(stack.shape[1:3], bool)
+    chosen[::step, ::step] = True
+    if stack.mask is not None:
+        # Of a small mask all pixels, so that some are left.
+        chosen = stack.mask if stack.mask.sum() <= chosen.sum() else chosen & stack.mask
+        chosen = chosen if chosen.any() else stack.mask
+    values = np.stack([stack.image(k)[chosen].ravel() for k in range(count)])
     return Moments(products(values), values.sum(axis=1, dtype=np.float64), values.shape[1])
 
 
@@ -255,6 +260,8 @@ def _chromaticity(stack: PhotometricStack) -> Array:
     total = np.zeros(stack.shape[1:], np.float32)
     for k in range(stack.shape[0]):
         total += stack.image(k)
+    if stack.mask is not None:
+        total[~stack.mask] = 0
     luminance = total @ np.asarray(LUMINANCE, np.float32)
     lit = luminance > 1e-6 * max(float(luminance.max()), 1e-30)
     luminance[~lit] = 1

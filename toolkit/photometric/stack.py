@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.errors import InputError
+from intaglio.errors import FileError, InputError
 from intaglio.images import read_samples
+from intaglio.photometric.light_positions import unit
 
 Array = np.ndarray
 
@@ -28,6 +29,8 @@ class ImageFiles:
     ----------
     paths : tuple of Path
     shape : (K, H, W, C)
+    dtype : numpy dtype
+        Of the stored samples.
     decode : callable
         From stored samples to linear float32 values.
     gain : (K, C) float64 array or None
@@ -38,6 +41,7 @@ class ImageFiles:
 
     paths: tuple[Path, ...]
     shape: tuple[int, int, int, int]
+    dtype: np.dtype
     decode: Callable[[Array], Array]
     gain: Array | None = None
     mix: tuple[float, ...] | None = None
@@ -48,11 +52,13 @@ class ImageFiles:
         Raises
         ------
         FileError
-            If the file is missing or damaged.
+            If the file is missing or damaged, or its samples are of another type than the first image's.
         InputError
             If its size or number of channels is not that of the first.
         """
         samples = read_samples(self.paths[k])
+        if samples.dtype != self.dtype:
+            raise FileError(f"{self.paths[k]}: holds {samples.dtype} values, the first image {self.dtype}; all must be alike")
         if samples.ndim == 2:
             samples = samples[:, :, None]
         samples = samples[:, :, :3] if samples.shape[2] == 4 else samples[:, :, :1] if samples.shape[2] == 2 else samples
@@ -126,9 +132,11 @@ class PhotometricStack:
             raise InputError(f"there are {self.shape[0]} images but {len(self.names)} names")
         if self.mask is not None:
             mask = np.asarray(self.mask)
+            if mask.dtype.kind not in "buif":
+                raise InputError(f"the mask is an array of {mask.dtype}, not of true and false")
             if mask.shape != self.shape[1:3]:
                 raise InputError(f"the mask is {mask.shape}, the images are {self.shape[1:3]}; they must be of one size")
-            mask = mask.astype(bool)
+            mask = mask if mask.dtype == bool else mask > 0.5
             if not mask.any():
                 raise InputError("the mask is empty: no pixel is to be used")
             object.__setattr__(self, "mask", mask)
@@ -181,6 +189,8 @@ class PhotometricStack:
     def subset(self, indices: Sequence[int] | Array) -> PhotometricStack:
         """Return the stack of some of the images, by number."""
         chosen = [int(i) for i in indices]
+        if not chosen or not all(-self.shape[0] <= i < self.shape[0] for i in chosen):
+            raise InputError(f"images {chosen} are not all of the stack's {self.shape[0]}")
         names = tuple(self.names[i] for i in chosen) if self.names else ()
         if isinstance(self.images, ImageFiles):
             files = self.images
@@ -234,16 +244,15 @@ def checked_lights(lights: Array, names: tuple[str, ...] = ()) -> Array:
         raise InputError(f"lights are no (K, 3) array of numbers ({error})") from error
     if vectors.ndim != 2 or vectors.shape[1] != 3 or len(vectors) == 0:
         raise InputError(f"lights must be (K, 3) vectors x, y, z, not {vectors.shape}")
-    length = np.linalg.norm(vectors, axis=1)
     for k, vector in enumerate(vectors):
         name = f" ({names[k]})" if k < len(names) else ""
-        if not np.isfinite(vector).all() or not length[k] > 0:
+        if not np.isfinite(vector).all() or not vector.any():
             raise InputError(f"light {k}{name} is {vector.tolist()}: a light must be a finite vector that is not zero")
         if vector[2] <= 0:
             raise InputError(
                 f"light {k}{name} is {vector.tolist()}: it comes from below the surface (z must be over 0, towards the camera)"
             )
-    return np.ascontiguousarray(vectors / length[:, None])
+    return np.ascontiguousarray(unit(vectors))
 
 
 @dataclass

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.errors import FileError
-from intaglio.files import whole_file
+from intaglio.files import whole_folder
 from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
 from intaglio.photometric.ptm_file import polynomial_maps
 from intaglio.photometric.relightable import Relightable
@@ -44,6 +44,11 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
     quality : int
         Of JPEG, 1 to 95.
 
+    Raises
+    ------
+    FileError
+        If the name is no .json, or the files can't be written; what was there is then as it was.
+
     Returns
     -------
     list of Path
@@ -71,14 +76,9 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
         "nplanes": len(planes),
         "materials": [{"scale": [float(s) for s in scale], "bias": [float(b) for b in -low / scale]}],
     }
-    written: list[Path] = []
     padded = np.concatenate([planes, np.zeros((missing, *planes.shape[1:]))])
     full_low, full_scale = np.append(low, np.zeros(missing)), np.append(scale, np.ones(missing))
-    for j in range(len(padded) // 3):
-        part = slice(3 * j, 3 * j + 3)
-        levels = (padded[part] - full_low[part, None, None]) / full_scale[part, None, None]
-        image = np.moveaxis(np.round(255 * np.clip(levels, 0, 1)).astype(np.uint8), 0, 2)
-        written += _write_tiles(image, path.parent, j, quality) if tiles else _write_whole(image, path.parent, j, quality)
+    levels_of_table = None
     if table is not None:
         spread = np.maximum(np.abs(table).max(axis=(1, 2)), 1e-12)
         # Level 0 of the table is the mean image per light, which is part of the planes here.
@@ -86,12 +86,21 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
         whole = np.concatenate([np.zeros((1, *table.shape[1:]), np.uint8), levels])
         info["materials"][0]["range"] = [float(127 / s) for s in spread]  # type: ignore[index]
         info["basis"] = whole.ravel().tolist()
-        with whole_file(path.parent / "materials.bin") as beside:
-            beside.write_bytes(whole.tobytes())
-        written.append(path.parent / "materials.bin")
-    with whole_file(path) as beside:
-        beside.write_text(json.dumps(info), encoding="utf-8")
-    return [*written, path]
+        levels_of_table = whole.tobytes()
+    with whole_folder(path.parent) as beside:
+        for j in range(len(padded) // 3):
+            part = slice(3 * j, 3 * j + 3)
+            values = (padded[part] - full_low[part, None, None]) / full_scale[part, None, None]
+            image = np.moveaxis(np.round(255 * np.clip(values, 0, 1)).astype(np.uint8), 0, 2)
+            if tiles:
+                _write_tiles(image, beside, j, quality)
+            else:
+                _write_plane(image, beside / f"plane_{j}.jpg", quality)
+        if levels_of_table is not None:
+            (beside / "materials.bin").write_bytes(levels_of_table)
+        (beside / path.name).write_text(json.dumps(info), encoding="utf-8")
+        written = sorted(p.relative_to(beside) for p in beside.rglob("*") if p.is_file())
+    return [path.parent / p for p in written if p.name != path.name] + [path]
 
 
 def _planes(texture: Relightable) -> tuple[Array, dict[str, object], Array | None]:
@@ -130,40 +139,30 @@ def _by_channel(maps: Array) -> Array:
     return np.moveaxis(three, 3, 1).reshape(-1, *maps.shape[1:3])
 
 
-def _write_whole(image: Array, folder: Path, j: int, quality: int) -> list[Path]:
+def _write_plane(image: Array, path: Path, quality: int) -> None:
     from PIL import Image
 
-    path = folder / f"plane_{j}.jpg"
-    with whole_file(path) as beside:
-        Image.fromarray(image).save(beside, "JPEG", quality=quality, subsampling=0)
-    return [path]
+    Image.fromarray(image).save(path, "JPEG", quality=quality, subsampling=0)
 
 
-def _write_tiles(image: Array, folder: Path, j: int, quality: int) -> list[Path]:
+def _write_tiles(image: Array, folder: Path, j: int, quality: int) -> None:
     """Write one plane as a Deep Zoom pyramid without overlap: level 0 is one pixel, every level doubles."""
     from PIL import Image
 
     height, width = image.shape[:2]
     levels = int(np.ceil(np.log2(max(height, width)))) if max(height, width) > 1 else 0
-    written: list[Path] = []
     for level in range(levels + 1):
         step = 2 ** (levels - level)
         size = -(-width // step), -(-height // step)
-        small = Image.fromarray(image) if step == 1 else Image.fromarray(image).resize(size, Image.Resampling.BOX)
+        small = np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX)) if step > 1 else image
         below = folder / f"plane_{j}_files" / str(level)
-        below.mkdir(parents=True, exist_ok=True)
+        below.mkdir(parents=True)
         for y in range(0, size[1], TILE):
             for x in range(0, size[0], TILE):
-                path = below / f"{x // TILE}_{y // TILE}.jpg"
-                box = (x, y, min(x + TILE, size[0]), min(y + TILE, size[1]))
-                with whole_file(path) as beside:
-                    small.crop(box).save(beside, "JPEG", quality=quality, subsampling=0)
-    path = folder / f"plane_{j}.dzi"
-    with whole_file(path) as beside:
-        beside.write_text(
-            '<?xml version="1.0" encoding="UTF-8"?>\n'
-            f'<Image xmlns="http://schemas.microsoft.com/deepzoom/2008" Format="jpg" Overlap="0" TileSize="{TILE}">'
-            f'<Size Width="{width}" Height="{height}"/></Image>\n',
-            encoding="utf-8",
-        )
-    return [*written, path]
+                _write_plane(small[y : y + TILE, x : x + TILE], below / f"{x // TILE}_{y // TILE}.jpg", quality)
+    (folder / f"plane_{j}.dzi").write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<Image xmlns="http://schemas.microsoft.com/deepzoom/2008" Format="jpg" Overlap="0" TileSize="{TILE}">'
+        f'<Size Width="{width}" Height="{height}"/></Image>\n',
+        encoding="utf-8",
+    )
