@@ -225,9 +225,7 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
             lines = image_facts(path)
         else:
             known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
-            raise InputError(
-                f"{path}: neither a mesh nor an image, a texture or a stack's light positions ({known}, or its folder)"
-            )
+            raise InputError(f"{path}: no mesh, image, texture or stack's light positions ({known}, or a stack's folder)")
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
