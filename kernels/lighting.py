@@ -15,8 +15,11 @@ wp.set_module_options({"enable_backward": False})
 # Pixels per matrix product.
 BLOCK = 16384
 
-# Steps by which a quantile is bracketed: the bracket shrinks to 2**-20 of the pixel's range, far below 16-bit noise.
-BISECTIONS = 20
+# Bits of a positive float, in the order of its values: a quantile is found exactly by halving their range this often.
+BITS = 31
+
+# Fewest values of a pixel that a robust fit uses, if the pixel has as many that are not black.
+FEWEST = 6
 
 
 @wp.kernel
@@ -56,21 +59,22 @@ def _weighted_sums_double(
 
 
 @wp.func
-def _quantile(planes: wp.array2d[wp.float32], i: int, wanted: int, low: float, high: float):
-    """Return a value with ``wanted`` of column i's values at or below it, by bisection between low and high."""
-    a = low
-    b = high
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (a + b)
+def _quantile(planes: wp.array2d[wp.float32], i: int, wanted: int):
+    """Return the ``wanted``-th smallest of column i's values over 0 (from 1 on)."""
+    a = int(0)
+    b = int(0x7F7FFFFF)
+    for _ in range(BITS):
+        middle = a + (b - a) / 2
+        limit = wp.cast(middle, wp.float32)
         count = int(0)
         for k in range(planes.shape[0]):
-            if planes[k, i] <= middle:
+            if planes[k, i] > 0.0 and planes[k, i] <= limit:
                 count += 1
         if count >= wanted:
             b = middle
         else:
-            a = middle
-    return b
+            a = middle + 1
+    return wp.cast(b, wp.float32)
 
 
 @wp.func
@@ -82,23 +86,23 @@ def _residual_quantile(
     low: float,
     high: float,
     wanted: int,
-    largest: float,
 ):
-    """Return the ``wanted``-th smallest |planes[k, i] − n·l_k| among values in (low, high]."""
-    a = float(0.0)
-    b = largest
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (a + b)
+    """Return the ``wanted``-th smallest |planes[k, i] − n·l_k| among values from low to high."""
+    a = int(0)
+    b = int(0x7F7FFFFF)
+    for _ in range(BITS):
+        middle = a + (b - a) / 2
+        limit = wp.cast(middle, wp.float32)
         count = int(0)
         for k in range(planes.shape[0]):
             value = planes[k, i]
-            if value > low and value <= high and wp.abs(value - wp.dot(n, lights[k])) <= middle:
+            if value >= low and value <= high and wp.abs(value - wp.dot(n, lights[k])) <= limit:
                 count += 1
         if count >= wanted:
             b = middle
         else:
-            a = middle
-    return b
+            a = middle + 1
+    return wp.cast(b, wp.float32)
 
 
 @wp.kernel
@@ -106,8 +110,8 @@ def _robust_normals(
     start: int,
     planes: wp.array2d[wp.float32],
     lights: wp.array[wp.vec3],
-    dark: int,
-    bright: int,
+    dark: float,
+    bright: float,
     tuning: float,
     iterations: int,
     # output
@@ -116,53 +120,55 @@ def _robust_normals(
 ):
     """Fit planes[k, i] = n·l_k by iteratively reweighted least squares over the values between two ranks.
 
-    The ``dark`` smallest values (shadows) and all but the ``bright`` smallest (highlights) are left out. Weights are
-    Geman and McClure's 1 / (1 + (r / s)²)², s = tuning × 1.4826 × median |r|.
+    Values at or under 0 are cast shadows and count for nothing. Of the m others the share ``dark`` of the smallest (shadows) and
+    the share ``bright`` of the largest (highlights) are left out, as long as `FEWEST` are kept. Weights are Geman and McClure's
+    1 / (1 + (r / s)²)², s = tuning × 1.4826 × median |r|.
     """
     i = start + wp.tid()
     count = planes.shape[0]
-    least = planes[0, i]
-    most = planes[0, i]
-    for k in range(1, count):
-        least = wp.min(least, planes[k, i])
-        most = wp.max(most, planes[k, i])
-    spread = most - least
-    low = least - 1.0
-    if dark > 0:
-        low = _quantile(planes, i, dark, least, most)
-    high = most
-    if bright < count:
-        high = _quantile(planes, i, bright, least, most)
-    if high <= low:
-        # A constant column: there is nothing to tell shadows from highlights by.
-        low = least - 1.0
-        high = most
-    kept = int(0)
+    lit = int(0)
+    most = float(0.0)
     for k in range(count):
-        if planes[k, i] > low and planes[k, i] <= high:
-            kept += 1
+        if planes[k, i] > 0.0:
+            lit += 1
+            most = wp.max(most, planes[k, i])
     n = wp.vec3(0.0, 0.0, 0.0)
-    s = float(0.0)
     agreeing = float(0.0)
-    for step in range(iterations + 1):
-        normal = wp.mat33(0.0)
-        moment = wp.vec3(0.0, 0.0, 0.0)
-        agreeing = float(0.0)
+    if lit >= 3:
+        # Ranks, from 1 on, of the smallest and the largest value kept.
+        first = int(dark * float(lit)) + 1
+        last = lit - int(bright * float(lit))
+        while last - first + 1 < wp.min(lit, FEWEST):
+            first = wp.max(first - 1, 1)
+            last = wp.min(last + 1, lit)
+        low = _quantile(planes, i, first)
+        high = _quantile(planes, i, last)
+        kept = int(0)
         for k in range(count):
-            value = planes[k, i]
-            if value > low and value <= high:
-                weight = float(1.0)
-                if step > 0:
-                    r = (value - wp.dot(n, lights[k])) / s
-                    weight = 1.0 / ((1.0 + r * r) * (1.0 + r * r))
-                normal += weight * wp.outer(lights[k], lights[k])
-                moment += weight * value * lights[k]
-                agreeing += weight
-        # Lights left for this pixel may lie in one plane: a trace of the unit matrix keeps the answer finite.
-        normal += 1.0e-6 * wp.trace(normal) * wp.identity(n=3, dtype=float)
-        n = wp.inverse(normal) * moment
-        median = _residual_quantile(planes, lights, i, n, low, high, (kept + 1) / 2, spread + wp.length(n))
-        s = tuning * 1.4826 * median + 1.0e-6 * spread + 1.0e-12
+            if planes[k, i] >= low and planes[k, i] <= high:
+                kept += 1
+        s = float(0.0)
+        for step in range(iterations + 1):
+            normal = wp.mat33(0.0)
+            moment = wp.vec3(0.0, 0.0, 0.0)
+            agreeing = float(0.0)
+            for k in range(count):
+                value = planes[k, i]
+                if value >= low and value <= high:
+                    weight = float(1.0)
+                    if step > 0:
+                        r = (value - wp.dot(n, lights[k])) / s
+                        weight = 1.0 / ((1.0 + r * r) * (1.0 + r * r))
+                    normal += weight * wp.outer(lights[k], lights[k])
+                    moment += weight * value * lights[k]
+                    agreeing += weight
+            # Lights left for this pixel may lie in one plane: a trace of the unit matrix keeps the answer finite.
+            normal += 1.0e-6 * wp.trace(normal) * wp.identity(n=3, dtype=float)
+            n = wp.inverse(normal) * moment
+            median = _residual_quantile(planes, lights, i, n, low, high, (kept + 1) / 2)
+            s = tuning * 1.4826 * median + 1.0e-6 * high + 1.0e-30
+        if lit < FEWEST:
+            agreeing = float(0.0)
     scaled[i] = n
     confidence[i] = agreeing / float(count)
 
@@ -189,7 +195,7 @@ def weighted_sums(
     out : (n, P) float32 array, optional
         Where to write.
     add : bool
-        Add to ``out`` instead; on the CPU only, and with no floor.
+        Add to ``out`` instead, without a floor. Always on the CPU: the sums would have to travel back and forth.
     double : bool
         Multiply and sum in double precision, as fits do: their weights cancel.
     device : str
@@ -200,9 +206,11 @@ def weighted_sums(
     -------
     (n, P) float32 array
     """
+    if add and (floor is not None or out is None):
+        raise ValueError("adding needs an array to add to, and has no floor")
     weights = np.ascontiguousarray(weights, np.float64 if double else np.float32)
     result = np.empty((len(weights), planes.shape[1]), np.float32) if out is None else out
-    if not device.startswith("cpu"):
+    if not device.startswith("cpu") and not add:
         on_device = wp.array(np.ascontiguousarray(planes), dtype=wp.float32, device=device)
         kind = wp.float64 if double else wp.float32
         sums = wp.empty(result.shape, dtype=wp.float32, device=device)
@@ -213,7 +221,7 @@ def weighted_sums(
             outputs=[sums],
             device=device,
         )
-        result[...] = result + sums.numpy() if add else sums.numpy()
+        result[...] = sums.numpy()
         return result
 
     def block(start: int) -> None:
@@ -258,8 +266,8 @@ def robust_normals(
     planes: np.ndarray,
     lights: np.ndarray,
     *,
-    dark: int,
-    bright: int,
+    dark: float,
+    bright: float,
     tuning: float = 2.0,
     iterations: int = 8,
     device: str = "cpu",
@@ -272,8 +280,8 @@ def robust_normals(
         One value per image and pixel.
     lights : (K, 3) array
         Unit vectors.
-    dark, bright : int
-        The ``dark`` smallest values of a pixel are left out, and those that rank above ``bright``.
+    dark, bright : float
+        Shares of a pixel's values over 0 that are left out: the smallest, and the largest.
     tuning : float
         Residuals count as far off in units of this many robust standard deviations.
     iterations : int
@@ -285,7 +293,8 @@ def robust_normals(
     scaled : (P, 3) float32 array
         Normals times albedo.
     confidence : (P,) float32 array
-        Sum of the final weights over K: the share of the lights that Lambert's law explains.
+        Sum of the final weights over K: the share of the lights that Lambert's law explains. 0 where fewer than `FEWEST` values
+        are over 0.
     """
     count = planes.shape[1]
     scaled = wp.empty(count, dtype=wp.vec3, device=device)
@@ -296,8 +305,8 @@ def robust_normals(
         inputs=[
             wp.array(np.ascontiguousarray(planes, np.float32), dtype=wp.float32, device=device, copy=False),
             wp.array(np.ascontiguousarray(lights, np.float32), dtype=wp.vec3, device=device),
-            int(dark),
-            int(bright),
+            float(dark),
+            float(bright),
             float(tuning),
             int(iterations),
         ],

@@ -60,6 +60,7 @@ def relightable_bsdf(
     *,
     chroma: Array | None = None,
     repeat: tuple[float, float] = (1.0, 1.0),
+    tiled: bool = True,
     smooth: bool = True,
     back: bool = False,
 ) -> Any:
@@ -76,6 +77,8 @@ def relightable_bsdf(
         Multiplied with the sum.
     repeat : (u, v)
         How often the texture is repeated over the unit square of texture coordinates.
+    tiled : bool
+        Go on with the opposite border beyond a border; else with the border's own texels.
     smooth : bool
         Interpolate between texels, or take the nearest.
     back : bool
@@ -86,7 +89,7 @@ def relightable_bsdf(
     The sum is cut off at 0 and is 0 for light from below the horizon. Directions are sampled by the cosine.
     """
     mi = mitsuba()
-    return _bsdf_class(mi.variant())(mi.Properties(), maps, coefficients, chroma, repeat, smooth, back)
+    return _bsdf_class(mi.variant())(mi.Properties(), maps, coefficients, chroma, repeat, tiled, smooth, back)
 
 
 def matte_bsdf(normal: Array, albedo: Array) -> Any:
@@ -195,7 +198,7 @@ def relit_plane(bsdf: Any, size: tuple[int, int], light: Array, *, samples: int 
     light : (3,) array
         Vector towards the light; x right, y up, z to the camera.
     samples : int
-        Paths per pixel, all through its middle.
+        Paths per pixel, evenly over it: one goes through its middle.
     seed : int
     facing : bool
         Show the front; else the back.
@@ -225,7 +228,7 @@ def orthographic_sensor(size: tuple[int, int], pixel: float, distance: float, *,
     distance : float
         Height over the plane z = 0.
     jitter : bool
-        Spread the paths over the pixel; else all go through its middle.
+        Spread the paths over the pixel at random; else evenly, a single one through its middle.
     """
     mi = mitsuba()
     width, height = size
@@ -245,7 +248,7 @@ def orthographic_sensor(size: tuple[int, int], pixel: float, distance: float, *,
         "near_clip": 1e-3 * float(distance),
         "far_clip": 1e3 * float(distance),
         "film": film,
-        "sampler": {"type": "independent" if jitter else "stratified"},
+        "sampler": {"type": "independent"} if jitter else {"type": "stratified", "jitter": False},
     }
 
 
@@ -291,6 +294,7 @@ def _bsdf_class(variant_name: str) -> type:
             coefficients: Coefficients | None = None,
             chroma: Array | None = None,
             repeat: tuple[float, float] = (1.0, 1.0),
+            tiled: bool = True,
             smooth: bool = True,
             back: bool = False,
         ) -> None:
@@ -304,7 +308,11 @@ def _bsdf_class(variant_name: str) -> type:
                 layers.append(chroma)
             texels = np.ascontiguousarray(np.concatenate(layers, axis=2), np.float32)
             filtering = dr.FilterMode.Linear if smooth else dr.FilterMode.Nearest
-            self.texture = mi.Texture2f(mi.TensorXf(texels), filter_mode=filtering, wrap_mode=dr.WrapMode.Repeat)
+            wrapping = dr.WrapMode.Repeat if tiled else dr.WrapMode.Clamp
+            # Graphics hardware would place samples between texels coarsely.
+            self.texture = mi.Texture2f(
+                mi.TensorXf(texels), use_accel=False, migrate=False, filter_mode=filtering, wrap_mode=wrapping
+            )
             self.coefficients, self.repeat, self.back = coefficients, repeat, back
             flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide
             if back:

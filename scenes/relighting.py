@@ -1,4 +1,4 @@
-"""Rendered stacks relit at lights that no fit has seen, against the render: the thesis's three cases, every kind."""
+"""Rendered stacks relit at lights that no fit has seen, against the render: four surfaces, every kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from intaglio.photometric import Relightable, represent, surface_maps
 from intaglio.photometric.relightable import KINDS
 from intaglio.progress import ProgressBar
 from intaglio.scenes.common import options
-from intaglio.scenes.rough_surfaces import HELD_OUT, Surface, thesis_surfaces
+from intaglio.scenes.rough_surfaces import HELD_OUT, RoughSurface, thesis_surfaces
 
 Array = np.ndarray
 
@@ -26,7 +26,7 @@ class Case:
 
     Attributes
     ----------
-    surface : Surface
+    surface : RoughSurface
     eta : dict of str to float
         Mean over the held-out lights of rms(relit − render) / std(render), per kind.
     noise : float
@@ -37,7 +37,7 @@ class Case:
     relit : dict of str to array
     """
 
-    surface: Surface
+    surface: RoughSurface
     eta: dict[str, float]
     noise: float
     normals: float
@@ -50,7 +50,7 @@ def eta(relit: Array, truth: Array) -> float:
     return float(np.mean([np.sqrt(np.mean((a - b) ** 2)) / b.std() for a, b in zip(relit, truth, strict=True)]))
 
 
-def fitted(surface: Surface, *, samples: int, seed: int, device: str | None) -> dict[str, Relightable]:
+def fitted(surface: RoughSurface, *, samples: int, seed: int, device: str | None) -> dict[str, Relightable]:
     """Return every kind fitted to 36 images; the eigen kinds also by triangles instead of the thesis's bilinear grid."""
     stack = surface.stack(samples=samples, seed=seed)
     textures = {kind: represent(stack, kind, device=device) for kind in KINDS}
@@ -59,7 +59,7 @@ def fitted(surface: Surface, *, samples: int, seed: int, device: str | None) -> 
     return textures
 
 
-def measure(surface: Surface, *, samples: int = 64, seed: int = 1, device: str | None = None) -> Case:
+def measure(surface: RoughSurface, *, samples: int = 64, seed: int = 1, device: str | None = None) -> Case:
     """Fit, relight at the held-out lights, and compare with the render."""
     truth = surface.photograph(HELD_OUT, samples=4 * samples, seed=seed + 1)
     again = surface.photograph(HELD_OUT, samples=samples, seed=seed + 2)

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from intaglio.images import write_image
-from intaglio.photometric import PhotometricStack, Relightable, light_direction, represent
+from intaglio.photometric import PhotometricStack, Relightable, light_direction, represent, write_relightable
 from intaglio.photometric.rendering import bsdf_of
 from intaglio.render import Camera, Gloss, photometric_capture, relit
 from intaglio.render.view import frame
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace, *, kinds: tuple[str, ...] = ("gradient", "rbf"
         print(f"rendering the teapot in {kind} …")
         rows = views(texture, size=size, samples=samples, seed=args.seed)
         columns.append(np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0))
-        texture.write(args.output / f"relit_teapot_{kind}.exr")
+        write_relightable(texture, args.output / f"relit_teapot_{kind}.exr")
     sheet = np.concatenate(columns, axis=0)
     path = args.output / "relit_teapot.png"
     write_image(sheet, path)

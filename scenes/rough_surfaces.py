@@ -19,7 +19,7 @@ HELD_OUT = np.array([light_direction(t, s) for t, s in ((15, 37), (75, 52), (140
 
 
 @dataclass(frozen=True)
-class Surface:
+class RoughSurface:
     """A height field with its colour.
 
     Attributes
@@ -80,7 +80,7 @@ def wrapped(image: Array) -> Array:
     return np.pad(image, ((0, 1), (0, 1)), mode="wrap")
 
 
-def thesis_surfaces(size: int = 160, seed: int = 1) -> list[Surface]:
+def thesis_surfaces(size: int = 160, seed: int = 1) -> list[RoughSurface]:
     """Return a flat, a rough (without and with shadows) and a glossy surface, as in the thesis' figures 4.5.3 to 4.5.8."""
     grain = periodic_noise(size, seed=seed, stream=1, slope=1.0)
     patches = periodic_noise(size, seed=seed, stream=2, slope=2.5)
@@ -90,9 +90,9 @@ def thesis_surfaces(size: int = 160, seed: int = 1) -> list[Surface]:
     rough = periodic_noise(size, seed=seed, stream=3, slope=1.6, coarsest=5)
     bumps = periodic_noise(size, seed=seed, stream=4, slope=2.2, coarsest=4, finest=0.12)
     return [
-        Surface("flat, Lambertian", np.zeros((size + 1, size + 1)), albedo),
+        RoughSurface("flat, Lambertian", np.zeros((size + 1, size + 1)), albedo),
         # Slopes under 30 degrees: no light of slant 60 or less leaves a point in its own shadow.
-        Surface("rough, Lambertian, without shadows", wrapped(gentle) * (0.55 / steepest(gentle)), albedo, shadows=False),
-        Surface("rough, Lambertian, with shadows", 2.2 * wrapped(rough), albedo),
-        Surface("glossy, with shadows", 1.6 * wrapped(bumps), 0.6 * albedo, gloss=Gloss(alpha=0.25)),
+        RoughSurface("rough, Lambertian, without shadows", wrapped(gentle) * (0.55 / steepest(gentle)), albedo, shadows=False),
+        RoughSurface("rough, Lambertian, with shadows", 2.2 * wrapped(rough), albedo),
+        RoughSurface("glossy, with shadows", 1.6 * wrapped(bumps), 0.6 * albedo, gloss=Gloss(alpha=0.25)),
     ]

@@ -102,9 +102,28 @@ def test_repeats():
     np.testing.assert_allclose(tiled[..., 0], np.tile(texture.relight(LIGHT)[..., 0], (3, 2)), atol=1e-5)
 
 
+def test_texels_are_interpolated_between_their_middles():
+    """With a path through every pixel's middle, bilinear interpolation gives the texels themselves, at the border too."""
+    texture = represent(noisy(scattered(20), height=5, width=7), "gradient")
+    wanted = np.repeat(texture.relight(LIGHT), 3, axis=2)
+    for tiled in (True, False):
+        np.testing.assert_allclose(relit_plane(bsdf_of(texture, smooth=True, tiled=tiled), (7, 5), LIGHT), wanted, atol=3e-6)
+    # Twice the pixels: halfway between the first texel and what lies beyond the border.
+    maps = np.zeros((1, 2, 4, 1), np.float32)
+    maps[0, :, 3] = 1
+    for tiled, beyond in ((True, 0.25), (False, 0.0)):
+        bsdf = relightable_bsdf(maps, lambda x, y, z, maths: [0 * x + 1], tiled=tiled)
+        vertices, faces = np.array([[-4.0, -2, 0], [4, -2, 0], [4, 2, 0], [-4, 2, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+        camera = Camera((0, 0, 4000.0), (0, 0, 0), (0, 1.0, 0), fov=float(2 * np.degrees(np.arctan(2 / 4000))))
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+        image = relit(vertices, faces, uv, bsdf, camera=camera, light=np.array([0, 0, 1.0]), size=(8, 4), samples=4096)
+        assert image[1, 0, 0] == pytest.approx(beyond, abs=0.06)
+
+
 @pytest.mark.skipif(not variant().vectorised, reason="the chi-square test needs a JIT variant (an LLVM library)")
 @pytest.mark.parametrize("kind", KINDS)
-def test_chi_square(kind):
+@pytest.mark.parametrize("back", [False, True])
+def test_chi_square(kind, back):
     """Sampled directions follow the density; on a texture that is nowhere black, since a black sample counts as none."""
     import drjit as dr
 
@@ -112,9 +131,10 @@ def test_chi_square(kind):
     lights = scattered(30)
     images = (0.3 + 0.6 * lights[:, 2])[:, None, None, None] * np.full((4, 4, 1), 0.7)
     texture = represent(PhotometricStack(images.astype(np.float32), lights), kind)
-    mi.register_bsdf(f"relightable_{kind}", lambda properties: bsdf_of(texture))
-    for wi in ((0, 0, 1), (0.7, -0.4, 0.5)):
-        sample, density = mi.chi2.BSDFAdapter(f"relightable_{kind}", "", wi=dr.normalize(mi.ScalarVector3f(*wi)))
+    name = f"relightable_{kind}_{back}"
+    mi.register_bsdf(name, lambda properties: bsdf_of(texture, back=back))
+    for wi in ((0.7, -0.4, 0.5), (0.3, 0.2, -0.9)) if back else ((0, 0, 1), (0.7, -0.4, 0.5)):
+        sample, density = mi.chi2.BSDFAdapter(name, "", wi=dr.normalize(mi.ScalarVector3f(*wi)))
         test = mi.chi2.ChiSquareTest(
             domain=mi.chi2.SphericalDomain(), sample_func=sample, pdf_func=density, sample_dim=3, sample_count=200_000
         )

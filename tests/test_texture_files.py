@@ -42,7 +42,7 @@ def texture_of(kind, color="channels", channels=3, **options):
 @pytest.mark.parametrize("kind", KINDS)
 def test_exr_reads_back_identically(kind, color, tmp_path):
     texture = texture_of(kind, color)
-    texture.write(tmp_path / "t.exr")
+    write_relightable(texture, tmp_path / "t.exr")
     back = read_relightable(tmp_path / "t.exr")
     assert back.kind == texture.kind
     assert back.notes == texture.notes
@@ -61,7 +61,7 @@ def test_exr_keeps_mask_confidence_and_grid(tmp_path):
     mask[1:, 2:] = True
     stack = type(stack)(stack.images, stack.lights, mask, ceiling=np.inf)
     for texture in (represent(stack, "gradient", robust=True), represent(stack, "eigen3"), represent(stack, "height")):
-        texture.write(tmp_path / "t.exr")
+        write_relightable(texture, tmp_path / "t.exr")
         back = read_relightable(tmp_path / "t.exr")
         np.testing.assert_array_equal(back.mask, mask)
         if texture.confidence is not None:
@@ -116,7 +116,7 @@ def relit_by_hand(path, light):
 @pytest.mark.parametrize(("color", "channels"), [("channels", 3), ("luminance", 3), ("channels", 1)])
 def test_ptm_within_its_eight_bits(color, channels, tmp_path):
     texture = texture_of("ptm", color, channels)
-    texture.write(tmp_path / "t.ptm")
+    write_relightable(texture, tmp_path / "t.ptm")
     back = read_relightable(tmp_path / "t.ptm")
     spread = np.ptp(texture.maps)
     for light in LIGHTS:
@@ -130,7 +130,7 @@ def test_ptm_within_its_eight_bits(color, channels, tmp_path):
 
 def test_other_kinds_are_written_as_the_nearest_polynomial(tmp_path):
     texture = represent(lambertian(dome()), "gradient")
-    texture.write(tmp_path / "t.ptm")
+    write_relightable(texture, tmp_path / "t.ptm")
     light = light_direction(40, 30)
     # The parabola nearest to a cosine over the hemisphere is within 3 % of it.
     np.testing.assert_allclose(read_relightable(tmp_path / "t.ptm").relight(light), texture.relight(light), atol=0.05)
@@ -274,7 +274,7 @@ def test_the_reader_of_these_tests_reads_real_planes(real):
 @pytest.mark.parametrize("kind", KINDS)
 def test_web_planes_show_what_relight_shows(kind, color, tmp_path):
     texture = texture_of(kind, color)
-    texture.write(tmp_path / "info.json")
+    write_relightable(texture, tmp_path / "info.json")
     spread = max(np.ptp(texture.color_maps()), 1.0)
     for light in LIGHTS:
         shown, wanted = viewer(tmp_path, light), texture.relight(light, clip=False)
@@ -286,7 +286,7 @@ def test_web_planes_show_what_relight_shows(kind, color, tmp_path):
 def test_web_planes_of_a_grey_texture(tmp_path):
     for kind, wanted in (("ptm", ("ptm", "rgb")), ("hsh", ("hsh", "rgb")), ("eigen6", ("rbf", "mrgb"))):
         texture = texture_of(kind, channels=1)
-        texture.write(tmp_path / "info.json")
+        write_relightable(texture, tmp_path / "info.json")
         info = json.loads((tmp_path / "info.json").read_text())
         assert (info["type"], info["colorspace"]) == wanted
         shown = viewer(tmp_path, LIGHTS[0])
@@ -382,7 +382,7 @@ def tampered(tmp_path, change):
     texture = represent(
         noisy(dome() if kind == "grid" else scattered(20)), {"grid": "eigen3", "triangles": "eigen6"}.get(kind, kind)
     )
-    texture.write(tmp_path / "t.exr")
+    write_relightable(texture, tmp_path / "t.exr")
     channels, header = read_exr(tmp_path / "t.exr")
     described = json.loads(header["intaglioRelightable"])
     edit(described)
@@ -457,12 +457,12 @@ def test_planes_predicted_from_later_ones(reference, order, tmp_path):
 
 
 def test_a_failed_set_of_planes_leaves_the_old_one(tmp_path, monkeypatch):
-    texture_of("ptm").write(tmp_path / "info.json")
+    write_relightable(texture_of("ptm"), tmp_path / "info.json")
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     (tmp_path / "plane_3.jpg").unlink()
     (tmp_path / "plane_3.jpg").mkdir()
     with pytest.raises(FileError, match=r"plane_3\.jpg: is in the way"):
-        texture_of("ptm", channels=1).write(tmp_path / "info.json")
+        write_relightable(texture_of("ptm", channels=1), tmp_path / "info.json")
     after = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.is_file()}
     assert all(after[name] == before[name] for name in after)
     assert set(before) - set(after) == {"plane_3.jpg"}
@@ -472,7 +472,7 @@ def test_a_failed_set_of_planes_leaves_the_old_one(tmp_path, monkeypatch):
     (tmp_path / "plane_3.jpg").rmdir()
     monkeypatch.setattr(web_planes, "_write_plane", lambda image, path, quality: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        texture_of("hsh").write(tmp_path / "info.json")
+        write_relightable(texture_of("hsh"), tmp_path / "info.json")
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == after
 
 

@@ -242,7 +242,18 @@ def assess(
         check_writable(output, inputs=(capture,))
     stack = _read(capture, response, mask, sphere, grey)
     with ProgressBar("fitting kinds") as bar:
-        found = assess_kinds(stack, wanted, leave_one_out=leave_one_out, robust=robust, device=device, progress=bar.update)
+        reasons: list[str] = []
+        found = assess_kinds(
+            stack,
+            wanted,
+            leave_one_out=leave_one_out,
+            robust=robust,
+            device=device,
+            reasons=reasons,
+            progress=bar.update,
+        )
+    for reason in reasons:
+        click.echo(f"  {reason}", err=True)
     click.echo("\n".join(assessment_lines(found)))
     if output is not None:
         write_assessment(stack, output, found=found, title=f"{capture.name}: kinds compared", robust=robust, device=device)

@@ -69,9 +69,10 @@ def assess_representation(
     kind : str
         As in `represent`, and so are the other options.
     leave_one_out : bool
-        Relight every image from a fit to all others, with parameters chosen without it. For least-squares kinds this comes from
-        the hat matrix, for ``"3i"`` and principal images from the products of the images, without a fit to any pixel; for
-        ``"height"`` and robust fits every fit is made.
+        Relight every image from a fit to all others. For least-squares kinds this comes from the hat matrix, for ``"3i"`` and
+        principal images from the products of the images, without a fit to any pixel; for ``"height"`` and robust fits every fit
+        is made. ``"rbf"`` chooses its interpolation and smoothing again without the image, but its number of maps once, with all
+        images. Eigen kinds on a grid of lights are interpolated over triangles, since a grid without a node is none.
     progress : callable, optional
         Called with how much is done, and of how much.
 

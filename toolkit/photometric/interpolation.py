@@ -91,13 +91,14 @@ class TriangleBasis:
     """Linear interpolation over a spherical triangulation of scattered lights.
 
     A light inside a triangle is l = b₁l₁ + b₂l₂ + b₃l₃ with b ≥ 0, and c(l) = b₁c₁ + b₂c₂ + b₃c₃: whatever is linear in the
-    light vector, such as Lambert's law, comes out exactly. Outside the lights' hull the coefficients are those of the hull's
-    nearest point: a ring of further nodes below the horizon carries them.
+    light vector, such as Lambert's law, comes out exactly; what is constant comes out 1/cos of a triangle's radius too large at
+    most. Outside the lights' hull the coefficients are those of the hull's nearest point: rings of further nodes, down below the
+    horizon, carry them.
 
     Attributes
     ----------
     nodes : (M, 3) float64 array
-        Lights, then the ring.
+        Lights, then the rings.
     triangles : (T, 3) int array
     table : (M, n) float64 array
         Coefficients at the nodes.
@@ -262,12 +263,12 @@ def _levels(values: Array, tolerance: float, period: float | None) -> Array:
 
 def need_spread(lights: Array) -> None:
     """Raise `InputError` if the lights lie at one point or on one line of the hemisphere."""
-    places = np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
+    places = _plane_of(lights)
     if len(lights) < 3 or np.linalg.svd(places - places.mean(axis=0), compute_uv=False)[-1] < 1e-2:
         raise InputError("the lights lie on one line of the hemisphere; interpolation between them needs lights around it")
 
 
-def triangulate(lights: Array, table: Array, ring: int = 24) -> TriangleBasis:
+def triangulate(lights: Array, table: Array) -> TriangleBasis:
     """Return linear interpolation of ``table`` (K, n) over ``lights`` (K, 3).
 
     Raises
@@ -275,26 +276,32 @@ def triangulate(lights: Array, table: Array, ring: int = 24) -> TriangleBasis:
     InputError
         If the lights are fewer than three or all in one plane with the sample's centre.
     """
-    chart_of = np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
     need_spread(lights)
-    hull = Delaunay(chart_of)
-    angle = 2 * np.pi * np.arange(ring) / ring
-    # Slant 100°: the polygon of the ring's nodes encloses the whole hemisphere.
-    low = np.radians(100)
-    ghosts = np.stack([np.cos(angle) * np.sin(low), np.sin(angle) * np.sin(low), np.full(ring, np.cos(low))], axis=1)
-    points = np.stack(chart("stereographic", ghosts[:, 0], ghosts[:, 1], ghosts[:, 2], NumpyMaths), axis=1)
-    edges = hull.convex_hull
-    held = np.empty((ring, table.shape[1]))
-    for g, point in enumerate(points):
-        a, b = chart_of[edges[:, 0]], chart_of[edges[:, 1]]
-        along = np.clip(((point - a) * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1), 0, 1)
-        nearest = np.argmin(np.linalg.norm(a + along[:, None] * (b - a) - point, axis=1))
-        t = along[nearest]
-        held[g] = (1 - t) * table[edges[nearest, 0]] + t * table[edges[nearest, 1]]
-    whole = Delaunay(np.concatenate([chart_of, points]))
-    nodes = np.concatenate([lights, ghosts])
-    triangles = np.array([t for t in whole.simplices if abs(np.linalg.det(nodes[t])) > 1e-9], np.int64)
-    return TriangleBasis(nodes, triangles, np.concatenate([table, held]))
+    places = _plane_of(lights)
+    hull = Delaunay(places)
+    # Rings 12 degrees apart, so that triangles stay small and the sum of b near 1. The lowest encloses the hemisphere.
+    slant, tilt = (a.ravel() for a in np.meshgrid(np.radians(np.arange(4, 101, 12)), np.radians(np.arange(0, 360, 15))))
+    ring = np.stack([np.cos(tilt) * np.sin(slant), np.sin(tilt) * np.sin(slant), np.cos(slant)], axis=1)
+    start, end = (places[hull.convex_hull[:, i]] for i in (0, 1))
+    point = _plane_of(ring)[:, None]
+    along = np.clip(((point - start) * (end - start)).sum(axis=2) / ((end - start) ** 2).sum(axis=1), 0, 1)
+    away = np.linalg.norm(start + along[..., None] * (end - start) - point, axis=2)
+    nearest = np.argmin(away, axis=1)
+    # Nodes stay out of the circles over the hull's edges, so that these remain edges and the inside remains as it was.
+    apart = np.linalg.norm((start + end) / 2 - point, axis=2) > 0.501 * np.linalg.norm(end - start, axis=1)
+    outside = (hull.find_simplex(point[:, 0]) < 0) & apart.all(axis=1) & (away.min(axis=1) > 0.02)
+    ring, nearest, t = ring[outside], nearest[outside], along[np.arange(len(along)), nearest][outside][:, None]
+    first, second = hull.convex_hull[nearest].T
+    nodes = np.concatenate([lights, ring])
+    values = np.concatenate([table, (1 - t) * table[first] + t * table[second]])
+    corners = Delaunay(_plane_of(nodes)).simplices
+    corners = corners[np.abs(np.linalg.det(nodes[corners])) > 1e-9]
+    return TriangleBasis(nodes, corners.astype(np.int64), values)
+
+
+def _plane_of(lights: Array) -> Array:
+    """Return stereographic coordinates (K, 2): circles stay circles, so that Delaunay's triangles are those of the sphere."""
+    return np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
 
 
 def interpolate(lights: Array, table: Array, scheme: str = "auto") -> Basis:

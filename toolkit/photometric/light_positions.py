@@ -34,6 +34,14 @@ def tilt_and_slant(lights: Array) -> tuple[Array, Array]:
     return tilt, np.degrees(np.arccos(np.clip(lights[..., 2], -1, 1)))
 
 
+def spread_lights(count: int, lowest: float) -> Array:
+    """Return ``count`` unit vectors spread evenly from straight above down to a slant of ``lowest`` degrees (a spiral)."""
+    z = 1 - (np.arange(count) + 0.5) / count * (1 - np.cos(np.radians(lowest)))
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    across = np.sqrt(1 - z * z)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+
+
 def read_light_positions(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
     """Read an .lp file: a line with the number of images, which may be missing, then ``name x y z`` a line.
 

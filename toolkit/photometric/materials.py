@@ -25,8 +25,7 @@ def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: 
     if texture.height is not None:
         return texture.height
     maps = maps or surface_maps(texture)
-    p, q = (np.where(maps.valid, g, 0) for g in (maps.p, maps.q))
-    return height_from_gradients(p, q, method=method).astype(np.float32)
+    return height_from_gradients(*maps.gradients(), method=method).astype(np.float32)
 
 
 def write_maps(texture: Relightable, folder: str | os.PathLike[str]) -> list[Path]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.photometric.bases import coefficients
+from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.relightable import Relightable
 
 Array = np.ndarray
@@ -21,11 +22,11 @@ class SurfaceMaps:
 
     Attributes
     ----------
-    normal : (H, W, 3) float64 array
+    normal : (H, W, 3) float32 array
         Unit vectors; x right, y up, z to the camera. (0, 0, 1) where there is none.
-    albedo : (H, W, C) float64 array
+    albedo : (H, W, C) float32 array
         Reflectance times the light's strength.
-    p, q : (H, W) float64 arrays
+    p, q : (H, W) float32 arrays
         ∂s/∂x and ∂s/∂y of the height s, per pixel; y points up, against the rows.
     valid : (H, W) bool array
         Where a normal was found: inside the mask, and not black.
@@ -37,6 +38,10 @@ class SurfaceMaps:
     q: Array
     valid: Array
 
+    def gradients(self) -> tuple[Array, Array]:
+        """Return p and q, 0 where no normal was found."""
+        return np.where(self.valid, self.p, 0), np.where(self.valid, self.q, 0)
+
 
 def scaled_normals(texture: Relightable) -> Array:
     """Return normals times albedo (3, H, W, C) that fit the texture as it is relit over the hemisphere.
@@ -44,13 +49,9 @@ def scaled_normals(texture: Relightable) -> Array:
     For kinds that follow Lambert's law they are its own maps (recombined, for ``"3i"``); for others the least-squares fit of
     n·l to c(l) over lights spread evenly down to a slant of 70 degrees.
     """
-    count = 200
-    height = 1 - (np.arange(count) + 0.5) / count * (1 - np.cos(np.radians(70)))
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    across = np.sqrt(1 - height**2)
-    lights = np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=1)
+    lights = spread_lights(200, 70.0)
     to_normals = np.linalg.lstsq(lights, coefficients(texture.basis, lights), rcond=None)[0]
-    return np.tensordot(to_normals, texture.color_maps(), axes=1)
+    return np.tensordot(to_normals.astype(np.float32), texture.color_maps(), axes=1)
 
 
 def surface_maps(texture: Relightable) -> SurfaceMaps:
@@ -65,7 +66,7 @@ def surface_maps(texture: Relightable) -> SurfaceMaps:
     valid = length > 1e-6 * max(float(length.max()), 1e-30)
     if texture.mask is not None:
         valid &= texture.mask
-    straight = np.array([0.0, 0.0, 1.0])[:, None, None]
+    straight = np.array([0.0, 0.0, 1.0], np.float32)[:, None, None]
     normal = np.where(valid, total / np.where(valid, length, 1), straight)
     albedo = np.maximum(np.einsum("ihw,ihwc->hwc", normal, scaled), 0)
     steep = np.maximum(normal[2], STEEPEST)

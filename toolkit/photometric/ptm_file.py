@@ -17,6 +17,7 @@ import numpy as np
 from intaglio.errors import FileError
 from intaglio.files import check_readable, whole_file
 from intaglio.photometric.bases import PolynomialBasis, coefficients
+from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.relightable import Relightable
 
 Array = np.ndarray
@@ -33,11 +34,9 @@ def write_ptm(texture: Relightable, path: str | os.PathLike[str]) -> None:
     """
     maps = polynomial_maps(texture) * 255.0
     if texture.chroma is not None or maps.shape[3] == 1:
-        chroma = np.ones((*maps.shape[1:3], 3)) if texture.chroma is None else texture.chroma.astype(np.float64)
-        # The brightest channel of a pixel gets all 255 levels; the luminance takes the factor.
-        peak = np.maximum(chroma.max(axis=2), 1e-12)
+        shares, peak = colour_shares(np.ones((*maps.shape[1:3], 3)) if texture.chroma is None else texture.chroma)
         maps = maps * peak[None, :, :, None]
-        color = np.round(255 * np.clip(chroma / peak[..., None], 0, 1)).astype(np.uint8)
+        color = np.round(255 * shares).astype(np.uint8)
         blocks, name = [maps[..., 0]], "PTM_FORMAT_LRGB"
     else:
         color = None
@@ -64,15 +63,20 @@ def write_ptm(texture: Relightable, path: str | os.PathLike[str]) -> None:
             file.write(np.ascontiguousarray(color[::-1]).tobytes())
 
 
+def colour_shares(chroma: Array) -> tuple[Array, Array]:
+    """Return a chromaticity (H, W, 3) as shares of its largest channel, in [0, 1], and that channel (H, W).
+
+    The brightest channel of a pixel gets all levels of a file; the luminance takes the factor.
+    """
+    peak = np.maximum(chroma.max(axis=2).astype(np.float64), 1e-12)
+    return np.clip(chroma / peak[..., None], 0, 1), peak
+
+
 def polynomial_maps(texture: Relightable) -> Array:
     """Return the six maps (6, H, W, C) float64 of the polynomial nearest to a texture: its own, for kind ``"ptm"``."""
     if isinstance(texture.basis, PolynomialBasis):
         return texture.maps.astype(np.float64)
-    count = 200
-    z = 1 - (np.arange(count) + 0.5) / count * (1 - np.cos(np.radians(80)))
-    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
-    across = np.sqrt(1 - z * z)
-    lights = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    lights = spread_lights(200, 80.0)
     to_polynomial = np.linalg.lstsq(coefficients(PolynomialBasis(), lights), coefficients(texture.basis, lights), rcond=None)[0]
     return np.tensordot(to_polynomial, texture.maps.astype(np.float64), axes=1)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +98,7 @@ class Relightable:
         clip : bool
             Set negative values to 0.
         device : str, optional
+            Default the CPU: the maps would travel to a GPU for every call.
 
         Returns
         -------
@@ -122,9 +122,3 @@ class Relightable:
     def color_maps(self) -> Array:
         """Return maps (n, H, W, C) in which chromaticity is multiplied in."""
         return self.maps if self.chroma is None else self.maps * self.chroma
-
-    def write(self, path: str | os.PathLike[str]) -> None:
-        """Write to .exr (all of it), .ptm, a web viewer's .json, or a .glb; see `write_relightable`."""
-        from intaglio.photometric.writing import write_relightable
-
-        write_relightable(self, path)

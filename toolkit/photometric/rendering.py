@@ -17,9 +17,18 @@ from intaglio.render.view import frame
 Array = np.ndarray
 
 
-def bsdf_of(texture: Relightable, *, repeat: tuple[float, float] = (1.0, 1.0), smooth: bool = True, back: bool = False) -> Any:
+def bsdf_of(
+    texture: Relightable,
+    *,
+    repeat: tuple[float, float] = (1.0, 1.0),
+    tiled: bool = True,
+    smooth: bool = True,
+    back: bool = False,
+) -> Any:
     """Return the texture as a Mitsuba BSDF; see `intaglio.render.relightable_bsdf`."""
-    return relightable_bsdf(texture.maps, texture.basis.evaluate, chroma=texture.chroma, repeat=repeat, smooth=smooth, back=back)
+    return relightable_bsdf(
+        texture.maps, texture.basis.evaluate, chroma=texture.chroma, repeat=repeat, tiled=tiled, smooth=smooth, back=back
+    )
 
 
 def read_textured_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:

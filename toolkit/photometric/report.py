@@ -52,9 +52,12 @@ def assess_kinds(
     leave_one_out: bool = True,
     robust: bool = False,
     device: str | None = None,
+    reasons: list[str] | None = None,
     progress: Progress | None = None,
 ) -> Reports:
     """Return reconstruction and prediction of every kind; None where the stack's lights don't allow it.
+
+    ``reasons``, if given, takes the reasons why not.
 
     Raises
     ------
@@ -62,7 +65,7 @@ def assess_kinds(
         If no kind can be fitted, with the reasons.
     """
     found: Reports = {}
-    reasons: list[str] = []
+    reasons = [] if reasons is None else reasons
     for number, kind in enumerate(kinds):
         reports: list[RepresentationReport | None] = []
         for left_out in (False, True):
@@ -73,13 +76,14 @@ def assess_kinds(
             except InputError as error:
                 if kind not in KINDS:
                     raise
-                reasons.append(f"{kind}: {error}")
+                if f"{kind}: {error}" not in reasons:
+                    reasons.append(f"{kind}: {error}")
                 reports.append(None)
         found[kind] = reports[0], reports[1]
         if progress is not None:
             progress(number + 1, len(kinds))
     if not any(first for first, _ in found.values()):
-        raise InputError("; ".join(dict.fromkeys(reasons)) or f"no kinds are given; known: {', '.join(KINDS)}")
+        raise InputError("; ".join(reasons) or f"no kinds are given; known: {', '.join(KINDS)}")
     return found
 
 

@@ -14,7 +14,7 @@ from intaglio.kernels.lighting import products, robust_normals, weighted_sums
 from intaglio.photometric.bases import Basis, LambertBasis
 from intaglio.photometric.heights import gradients_from_height, height_from_gradients
 from intaglio.photometric.interpolation import RadialBasis, interpolate, smooth
-from intaglio.photometric.linear_fits import LINEAR_KINDS, LinearFit, Moments, Settings, fit_linear
+from intaglio.photometric.linear_fits import LEAST_SQUARES, LinearFit, Moments, Settings, fit_linear
 from intaglio.photometric.normals import surface_maps
 from intaglio.photometric.relightable import KINDS, Relightable
 from intaglio.photometric.stack import LUMINANCE, Exposure, PhotometricStack
@@ -100,8 +100,10 @@ def represent(
 
     Notes
     -----
-    Fits run in double precision. Stacks on disk are read an image at a time; memory then holds the maps and three images. For
-    eigen kinds and ``"rbf"`` they are read four times or more (subspace iteration), robust fits read them once for every strip.
+    Fits run in double precision; of stacks on disk the maps are summed image by image and rounded to single precision each time.
+    Stacks on disk are read an image at a time; memory then holds the maps and three images (four for robust fits; ``"height"``
+    needs ten more for its gradients and transforms). For eigen kinds and ``"rbf"`` they are read four times or more (subspace
+    iteration, at most fourteen times), robust fits read them once for every strip of a quarter GiB.
 
     References
     ----------
@@ -117,34 +119,33 @@ def represent(
     report = progress or (lambda done, total: None)
     settings = Settings(order, interpolation, components, smoothing).checked()
     # Lights are checked before the long work.
-    if kind in LINEAR_KINDS[:4] or kind == "height":
-        fit_linear("gradient" if kind == "height" else kind, stack.lights, None, settings)
+    first = "gradient" if kind == "height" else kind
+    if first == "3i" or first in LEAST_SQUARES:
+        fit_linear(first, stack.lights, None, settings)
     seen = Exposure()
     if stack.in_memory:
         for k in range(stack.shape[0]):
             seen.add(stack, k, stack.image(k))
         _warn_of_exposure(seen)
+    still_to_count = None if stack.in_memory else seen
     chroma = None
     if color == "luminance" and stack.shape[3] == 3:
-        chroma = _chromaticity(stack)
-        stack = stack.luminance()
+        chroma = _chromaticity(stack, still_to_count)
+        stack, still_to_count = stack.luminance(), None
     confidence = None
     notes: tuple[str, ...] = ()
+    basis: Basis = LambertBasis()
     if robust:
-        maps, confidence = _robust_maps(stack, device, report)
-        if not maps.any():
-            raise InputError("the stack is black: no value is over 0")
-        fit = LinearFit(np.zeros((0, 3)), LambertBasis())
+        maps, confidence = _robust_maps(stack, device, report, still_to_count)
     else:
-        first = "gradient" if kind == "height" else kind
         fit = linear_fit(first, stack, settings, device, report)
-        notes = fit.notes
-        maps = combine(stack, fit.weights, device, report, None if stack.in_memory else seen)
-        if not stack.in_memory:
-            _warn_of_exposure(seen)
+        notes, basis = fit.notes, fit.basis
+        maps = combine(stack, fit.weights, device, report, still_to_count)
+    if not stack.in_memory:
+        _warn_of_exposure(seen)
     if stack.mask is not None:
         maps[:, ~stack.mask] = 0
-    texture = Relightable("gradient" if kind == "height" else kind, maps, fit.basis, chroma, stack.mask, None, confidence, notes)
+    texture = Relightable(first, maps, basis, chroma, stack.mask, None, confidence, notes)
     return integrable(texture, integration, differentiation) if kind == "height" else texture
 
 
@@ -154,7 +155,7 @@ def integrable(texture: Relightable, integration: str = "fourier", differentiati
     Heights are those of `height_from_gradients` and normals those of `gradients_from_height` (Dong, section 4.5.3).
     """
     maps = surface_maps(texture)
-    p, q = (np.where(maps.valid, g, 0) for g in (maps.p, maps.q))
+    p, q = maps.gradients()
     height = height_from_gradients(p, q, method=integration)
     p, q = gradients_from_height(height, method=differentiation, slope=(float(p.mean()), float(q.mean())))
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(p * p + q * q + 1)
@@ -234,6 +235,8 @@ def combine(
         image = stack.image(k)
         if exposure is not None:
             exposure.add(stack, k, image)
+        if stack.mask is not None:
+            image = np.where(stack.mask[:, :, None], image, 0)
         weighted_sums(image.reshape(1, -1), weights[k : k + 1].T, out=maps, add=True, double=True, device=device)
         del image  # before the next one is read
         report(k + 1, count)
@@ -245,8 +248,12 @@ def _inner(stack: PhotometricStack, k: int, maps: Array) -> Array:
     image = stack.image(k)
     if stack.mask is not None:
         image = np.where(stack.mask[:, :, None], image, 0)
-    flat = image.reshape(-1)
-    return np.array([np.dot(flat, plane.reshape(-1)) for plane in maps], np.float64)
+    flat, planes = image.reshape(-1), maps.reshape(len(maps), -1)
+    total = np.zeros(len(maps))
+    for start in range(0, flat.size, 1 << 16):
+        part = slice(start, start + (1 << 16))
+        total += planes[:, part].astype(np.float64) @ flat[part].astype(np.float64)
+    return total
 
 
 def _values(strip: Array, mask: Array | None, rows: slice) -> Array:
@@ -255,11 +262,15 @@ def _values(strip: Array, mask: Array | None, rows: slice) -> Array:
     return np.ascontiguousarray(inside.reshape(len(strip), -1))
 
 
-def _chromaticity(stack: PhotometricStack) -> Array:
-    """Return colour over luminance (H, W, 3), from the sums over all images; grey where nothing is lit."""
+def _chromaticity(stack: PhotometricStack, exposure: Exposure | None) -> Array:
+    """Return colour over luminance (H, W, 3), from the sums over all images; grey where nothing is lit. Counts exposure."""
     total = np.zeros(stack.shape[1:], np.float32)
     for k in range(stack.shape[0]):
-        total += stack.image(k)
+        image = stack.image(k)
+        if exposure is not None:
+            exposure.add(stack, k, image)
+        total += image
+        del image  # before the next one is read
     if stack.mask is not None:
         total[~stack.mask] = 0
     luminance = total @ np.asarray(LUMINANCE, np.float32)
@@ -270,34 +281,27 @@ def _chromaticity(stack: PhotometricStack) -> Array:
     return total
 
 
-def _robust_maps(stack: PhotometricStack, device: str, report: Progress) -> tuple[Array, Array]:
+def _robust_maps(stack: PhotometricStack, device: str, report: Progress, exposure: Exposure | None) -> tuple[Array, Array]:
     """Return scaled normals (3, H, W, C) and confidence (H, W) of a robust fit, channel by channel."""
     count, height, width, channels = stack.shape
     if count < 8:
         raise InputError(f"a robust fit needs at least 8 images, the stack has {count}; use robust=False")
-    dark, bright = robust_ranks(count)
     maps = np.empty((3, height, width, channels), np.float32)
     confidence = np.empty((height, width), np.float32)
     for rows, strip in stack.strips():
         values = strip.reshape(count, -1)
+        if exposure is not None:
+            exposure.add_strip(stack, rows, strip)
         if stack.mask is not None:
             values = np.where(np.repeat(stack.mask[rows].ravel(), channels), values, 0)
-        scaled, share = robust_normals(values, stack.lights, dark=dark, bright=bright, device=device)
+        scaled, share = robust_normals(values, stack.lights, dark=DARK_SHARE, bright=BRIGHT_SHARE, device=device)
         maps[:, rows] = scaled.T.reshape(3, -1, width, channels)
         confidence[rows] = share.reshape(-1, width, channels).mean(axis=2)
         report(rows.stop, height)
+        del strip, values  # before the next ones are read
     if stack.mask is not None:
         confidence[~stack.mask] = 0
     return maps, confidence
-
-
-def robust_ranks(count: int) -> tuple[int, int]:
-    """Return how many of a pixel's smallest values robust fits leave out, and the rank of the largest they keep."""
-    dark, bright = int(DARK_SHARE * count), count - int(BRIGHT_SHARE * count)
-    # Three unknowns, and some values more to tell good from bad by.
-    while bright - dark < min(count, 6):
-        dark, bright = max(0, dark - 1), min(count, bright + 1)
-    return dark, bright
 
 
 def _warn_of_exposure(seen: Exposure) -> None:

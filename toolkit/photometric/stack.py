@@ -203,13 +203,13 @@ class PhotometricStack:
         ceiling = self.ceiling[chosen] if isinstance(self.ceiling, np.ndarray) else self.ceiling
         return replace(self, images=images, lights=self.lights[chosen], names=names, ceiling=ceiling)
 
-    def strips(self, size: int = STRIP_BYTES) -> Iterator[tuple[slice, Array]]:
-        """Yield (rows, (K, h, W, C) values) of all images together, about ``size`` bytes at a time.
+    def strips(self, size: int | None = None) -> Iterator[tuple[slice, Array]]:
+        """Yield (rows, (K, h, W, C) values) of all images together, about ``size`` bytes at a time (default `STRIP_BYTES`).
 
         Images on disk are read again for every strip.
         """
         k, h, w, c = self.shape
-        rows = max(1, min(h, size // (4 * k * w * c)))
+        rows = max(1, min(h, (size or STRIP_BYTES) // (4 * k * w * c)))
         for top in range(0, h, rows):
             part = slice(top, min(top + rows, h))
             if isinstance(self.images, ImageFiles):
@@ -271,8 +271,15 @@ class Exposure:
 
     def add(self, stack: PhotometricStack, k: int, image: Array) -> None:
         """Count the values of image ``k``."""
-        values = image if stack.mask is None else image[stack.mask]
-        ceiling = np.asarray(stack.ceiling, np.float32)
+        self._count(image if stack.mask is None else image[stack.mask], stack.ceiling, k)
+
+    def add_strip(self, stack: PhotometricStack, rows: slice, strip: Array) -> None:
+        """Count the values of a strip of all images."""
+        for k, part in enumerate(strip):
+            self._count(part if stack.mask is None else part[stack.mask[rows]], stack.ceiling, k)
+
+    def _count(self, values: Array, ceilings: Array | float, k: int) -> None:
+        ceiling = np.asarray(ceilings, np.float32)
         self.over += int(np.count_nonzero(values >= (ceiling[k] if ceiling.ndim else ceiling)))
         self.under += int(np.count_nonzero(values <= 0))
         self.total += values.size

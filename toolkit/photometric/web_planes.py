@@ -17,7 +17,8 @@ import numpy as np
 from intaglio.errors import FileError
 from intaglio.files import whole_folder
 from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
-from intaglio.photometric.ptm_file import polynomial_maps
+from intaglio.photometric.light_positions import spread_lights
+from intaglio.photometric.ptm_file import colour_shares, polynomial_maps
 from intaglio.photometric.relightable import Relightable
 
 Array = np.ndarray
@@ -108,19 +109,14 @@ def _planes(texture: Relightable) -> tuple[Array, dict[str, object], Array | Non
     if isinstance(texture.basis, PolynomialBasis):
         maps = polynomial_maps(texture)[[5, 3, 4, 0, 2, 1]]
         if texture.chroma is not None:
-            chroma = texture.chroma.astype(np.float64)
-            peak = np.maximum(chroma.max(axis=2), 1e-12)
-            planes = np.concatenate([np.moveaxis(chroma / peak[..., None], 2, 0), maps[..., 0] * peak])
+            shares, peak = colour_shares(texture.chroma)
+            planes = np.concatenate([np.moveaxis(shares, 2, 0), maps[..., 0] * peak])
             return planes, {"type": "ptm", "colorspace": "lrgb"}, None
         return _by_channel(maps), {"type": "ptm", "colorspace": "rgb"}, None
     maps = texture.color_maps().astype(np.float64)
     if isinstance(texture.basis, HemisphericalBasis):
         return _by_channel(maps), {"type": "hsh", "colorspace": "rgb"}, None
-    count = np.arange(NODES) + 0.5
-    z = np.maximum(1 - count / NODES, 0.02)
-    angle = np.pi * (3 - np.sqrt(5)) * count
-    across = np.sqrt(1 - z * z)
-    nodes = np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+    nodes = spread_lights(NODES, 89.0)
     values = coefficients(texture.basis, nodes)
     channels = maps.shape[3]
     planes = np.moveaxis(maps, 3, 1).reshape(-1, *maps.shape[1:3])
