@@ -5,6 +5,7 @@ Eigen images have no formula for c(l) (Dong, section 4.4.4): their coefficients 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +23,8 @@ Array = np.ndarray
 class GridBasis:
     """Bilinear interpolation over a grid of tilt and slant (eq. 4.4.16).
 
-    The tilt goes round; below the least and above the largest slant the coefficients stay what they are there.
+    The tilt goes round. Below the least slant the coefficients stay what they are there; above the largest they fall with the
+    cosine of the slant, to 0 at the horizon.
 
     Attributes
     ----------
@@ -47,6 +49,8 @@ class GridBasis:
         tilt = degree * maths.arctan2(y, x)
         slant = degree * maths.arctan2(maths.sqrt(x * x + y * y), z)
         slant = maths.minimum(maths.maximum(slant, float(self.slants[0])), float(self.slants[-1]))
+        lowest = math.cos(math.radians(float(self.slants[-1])))
+        fall = maths.minimum(maths.maximum(z, 0.0) / lowest, 1.0)
         # The tilt from the first node on, in [0, 360).
         turn = tilt - float(self.tilts[0])
         turn = maths.where(turn < 0, turn + 360, turn)
@@ -63,7 +67,7 @@ class GridBasis:
                 for j, along in enumerate(up):
                     row = row + float(self.table[i, j, k]) * along
                 total = total + across * row
-            result.append(total)
+            result.append(total * fall)
         return result
 
     def parameters(self) -> dict[str, Any]:
@@ -92,8 +96,8 @@ class TriangleBasis:
 
     A light inside a triangle is l = b₁l₁ + b₂l₂ + b₃l₃ with b ≥ 0, and c(l) = b₁c₁ + b₂c₂ + b₃c₃: whatever is linear in the
     light vector, such as Lambert's law, comes out exactly; what is constant comes out 1/cos of a triangle's radius too large at
-    most. Outside the lights' hull the coefficients are those of the hull's nearest point: rings of further nodes, down below the
-    horizon, carry them.
+    most. Outside the lights' hull the coefficients are those of the hull's nearest point, falling with the cosine of the slant to
+    0 at the horizon: rings of further nodes, down below the horizon, carry them.
 
     Attributes
     ----------
@@ -293,7 +297,9 @@ def triangulate(lights: Array, table: Array) -> TriangleBasis:
     ring, nearest, t = ring[outside], nearest[outside], along[np.arange(len(along)), nearest][outside][:, None]
     first, second = hull.convex_hull[nearest].T
     nodes = np.concatenate([lights, ring])
-    values = np.concatenate([table, (1 - t) * table[first] + t * table[second]])
+    held = (1 - t) * table[first] + t * table[second]
+    cosine = (1 - t) * lights[first, 2:] + t * lights[second, 2:]
+    values = np.concatenate([table, held * np.clip(ring[:, 2:] / cosine, 0, 1)])
     corners = Delaunay(_plane_of(nodes)).simplices
     corners = corners[np.abs(np.linalg.det(nodes[corners])) > 1e-9]
     return TriangleBasis(nodes, corners.astype(np.int64), values)

@@ -69,7 +69,8 @@ def represent(
         Of ``"hsh"``.
     interpolation : {"auto", "grid", "triangles"}
         Of the eigen kinds: bilinear in tilt and slant (eq. 4.4.16), which needs lights on a full grid; over triangles of lights;
-        or the grid where there is one. Outside the lights' hull coefficients stay what they are at its border.
+        or the grid where there is one. Outside the lights' hull coefficients are those of its nearest point, falling with the
+        cosine of the slant to 0 at the horizon.
     components : int, optional
         Of ``"rbf"``: number of maps.
     smoothing : float, optional
