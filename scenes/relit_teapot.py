@@ -44,7 +44,7 @@ def views(texture: Relightable, *, size: int = 480, samples: int = 64, seed: int
     bsdf = bsdf_of(texture, back=True)
     rows = []
     for direction in VIEWS.values():
-        camera: Camera = frame(vertices, direction, margin=0.72)
+        camera: Camera = frame(vertices, direction, margin=0.77)
         rows.append(
             [
                 relit(

@@ -275,12 +275,11 @@ def test_the_reader_of_these_tests_reads_real_planes(real):
 def test_web_planes_show_what_relight_shows(kind, color, tmp_path):
     texture = texture_of(kind, color)
     write_relightable(texture, tmp_path / "info.json")
-    spread = max(np.ptp(texture.color_maps()), 1.0)
     for light in LIGHTS:
         shown, wanted = viewer(tmp_path, light), texture.relight(light, clip=False)
-        # 8 bits and JPEG per plane; for rbf also the table's 8 bits and the viewer's Gaussian between its lights.
-        assert np.abs(shown - wanted).mean() < 0.02 * spread
-        assert np.corrcoef(shown.ravel(), wanted.ravel())[0, 1] > 0.98
+        # 8 bits and JPEG per plane (of noise here, its worst case); for rbf also the table's 8 bits and the viewer's Gaussian.
+        assert np.abs(shown - wanted).mean() < 0.02
+        assert np.corrcoef(shown.ravel(), wanted.ravel())[0, 1] > 0.985
 
 
 def test_web_planes_of_a_grey_texture(tmp_path):
@@ -290,7 +289,7 @@ def test_web_planes_of_a_grey_texture(tmp_path):
         info = json.loads((tmp_path / "info.json").read_text())
         assert (info["type"], info["colorspace"]) == wanted
         shown = viewer(tmp_path, LIGHTS[0])
-        np.testing.assert_allclose(shown[..., 0], texture.relight(LIGHTS[0], clip=False)[..., 0], atol=0.08)
+        assert np.abs(shown[..., 0] - texture.relight(LIGHTS[0], clip=False)[..., 0]).mean() < 0.015
 
 
 def test_tiles_are_the_planes(tmp_path):
