@@ -205,3 +205,16 @@ def test_info_of_a_texture(capture, tmp_path):
     status, _, errors = run("info", tmp_path / "below.lp")
     assert status == 2
     assert "below the surface" in errors
+
+
+def test_warnings_are_one_line(tmp_path):
+    stack = noisy(dome(6, (20, 50)))
+    from intaglio import PhotometricStack
+
+    bright = PhotometricStack(np.clip(stack.images * 2.5, 0, 1), stack.lights)
+    path = write_capture(tmp_path, bright, ".png")
+    status, _, errors = run("represent", path, "-o", tmp_path / "t.exr", "--kind", "gradient")
+    assert status == 0
+    assert errors.startswith("warning: ")
+    assert "overexposed" in errors
+    assert errors.count("\n") == 1

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
+import warnings
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 import click
 import numpy as np
@@ -15,7 +16,7 @@ import intaglio
 from intaglio.cli_options import Extent, Numbers, common, image_size, known_suffix, render_on, unless_given
 from intaglio.cli_photometric import assess, relight, represent
 from intaglio.devices import device_or_error
-from intaglio.errors import InputError, IntaglioError
+from intaglio.errors import InputError, IntaglioError, IntaglioWarning
 from intaglio.facts import image_facts, is_texture, mesh_facts, stack_facts, system_facts, texture_facts
 from intaglio.files import check_readable, check_writable
 from intaglio.images import IMAGE_SUFFIXES
@@ -239,6 +240,7 @@ def main() -> None:
     """Run the command; errors become one line on stderr and exit status 2."""
     if not {"-h", "--help", "--version"} & set(sys.argv):
         start_quietly()
+    warnings.showwarning = _show_warning
     try:
         cli.main(standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
@@ -260,6 +262,24 @@ def main() -> None:
         if "INTAGLIO_" not in str(error):
             raise
         _stop(str(error))
+
+
+_plain_warning = warnings.showwarning
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Show Intaglio's own warnings as a line, others as Python does."""
+    if issubclass(category, IntaglioWarning):
+        click.echo(f"warning: {message}", err=True)
+    else:
+        _plain_warning(message, category, filename, lineno, file, line)
 
 
 def _stop(message: str) -> NoReturn:
