@@ -18,6 +18,9 @@ BLOCK = 16384
 # Bits of a positive float, in the order of its values: a quantile is found exactly by halving their range this often.
 BITS = 31
 
+# Of a scale three digits do: exponent and ten bits after it.
+SCALE_BITS = 18
+
 # Fewest values of a pixel that a robust fit uses, if the pixel has as many that are not black.
 FEWEST = 6
 
@@ -87,10 +90,10 @@ def _residual_quantile(
     high: float,
     wanted: int,
 ):
-    """Return the ``wanted``-th smallest |planes[k, i] − n·l_k| among values from low to high."""
+    """Return the ``wanted``-th smallest |planes[k, i] − n·l_k| among values from low to high, to three digits."""
     a = int(0)
     b = int(0x7F7FFFFF)
-    for _ in range(BITS):
+    for _ in range(SCALE_BITS):
         middle = a + (b - a) / 2
         limit = wp.cast(middle, wp.float32)
         count = int(0)
@@ -164,7 +167,10 @@ def _robust_normals(
                     agreeing += weight
             # Lights left for this pixel may lie in one plane: a trace of the unit matrix keeps the answer finite.
             normal += 1.0e-6 * wp.trace(normal) * wp.identity(n=3, dtype=float)
+            before = n
             n = wp.inverse(normal) * moment
+            if step > 1 and wp.length(n - before) < 1.0e-5 * wp.length(n):
+                break
             median = _residual_quantile(planes, lights, i, n, low, high, (kept + 1) / 2)
             s = tuning * 1.4826 * median + 1.0e-6 * high + 1.0e-30
         if lit < FEWEST:

@@ -64,3 +64,13 @@ def test_public_names_exist_and_are_documented():
     for name in intaglio.__all__:
         value = getattr(intaglio, name)
         assert name == "__version__" or (value.__doc__ and len(value.__doc__) > 20), name
+
+
+@pytest.mark.parametrize("name", ["relief", "photometric"])
+def test_benchmarks_start(name):
+    """Nothing else imports them: a name that is gone would show up only when someone measures."""
+    done = subprocess.run(
+        [sys.executable, "-m", f"tests.benchmarks.{name}", "--help"], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert "usage" in done.stdout
