@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import warnings
 
 import numpy as np
 import pytest
 from PIL import Image
 from stacks import dome, noisy, scattered, write_capture
 
-from intaglio import light_direction, read_image, read_relightable, read_stack, represent
+from intaglio import cli, light_direction, read_image, read_relightable, read_stack, represent
 
 
-def run(*words, cwd=None):
-    """Run the command; return status, output and errors."""
-    done = subprocess.run(
-        [sys.executable, "-m", "intaglio.cli", *map(str, words)], capture_output=True, text=True, cwd=cwd, timeout=300
-    )
-    return done.returncode, done.stdout, done.stderr
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Return a function that runs the command and returns status, output and errors."""
+
+    def call(*words, cwd=None):
+        if cwd is not None:
+            monkeypatch.chdir(cwd)
+        monkeypatch.setattr("sys.argv", ["intaglio", *map(str, words)])
+        capsys.readouterr()
+        status = 0
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            try:
+                cli.main()
+            except SystemExit as stop:
+                status = stop.code
+        said, errors = capsys.readouterr()
+        return status, said, errors
+
+    return call
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +40,7 @@ def capture(tmp_path_factory):
     return write_capture(tmp_path_factory.mktemp("capture"), noisy(scattered(20), channels=3))
 
 
-def test_from_capture_to_lit_picture(capture, tmp_path):
+def test_from_capture_to_lit_picture(run, capture, tmp_path):
     status, said, _ = run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "ptm", "--maps", tmp_path / "maps")
     assert status == 0
     assert "ptm, 6 maps of 10 x 9 pixels, colour, from 20 images" in said
@@ -46,7 +59,7 @@ def test_from_capture_to_lit_picture(capture, tmp_path):
     assert run("relight", tmp_path / "t.ptm", "-o", tmp_path / "p.png", "--light", "1,0,1", "--bits", "16")[0] == 0
 
 
-def test_relight_on_a_mesh(capture, tmp_path):
+def test_relight_on_a_mesh(run, capture, tmp_path):
     run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "rbf")
     (tmp_path / "square.obj").write_text(
         "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
@@ -64,7 +77,7 @@ def test_relight_on_a_mesh(capture, tmp_path):
     assert "no faces with texture coordinates" in errors
 
 
-def test_assess(capture, tmp_path):
+def test_assess(run, capture, tmp_path):
     status, said, _ = run("assess", capture, "--kinds", "gradient,ptm,rbf", "-o", tmp_path / "r.html")
     assert status == 0
     assert [line.split()[0] for line in said.splitlines()[:4]] == ["kind", "gradient", "ptm", "rbf"]
@@ -76,7 +89,7 @@ def test_assess(capture, tmp_path):
     assert said.splitlines()[1].split()[2] == "-"
 
 
-def test_a_kind_that_can_not_be_had_is_left_out(tmp_path):
+def test_a_kind_that_can_not_be_had_is_left_out(run, tmp_path):
     path = write_capture(tmp_path, noisy(dome(5, (45,))))
     status, said, _ = run("assess", path, "--kinds", "gradient,ptm")
     assert status == 0
@@ -86,7 +99,7 @@ def test_a_kind_that_can_not_be_had_is_left_out(tmp_path):
     assert "only 5 images" in errors
 
 
-def test_info_shows_the_stack(capture, tmp_path):
+def test_info_shows_the_stack(run, capture, tmp_path):
     status, said, _ = run("info", capture)
     assert status == 0
     assert "stack of 20 images, 10 x 9 pixels, 3 channels" in said
@@ -122,7 +135,7 @@ def test_info_shows_the_stack(capture, tmp_path):
         (("info", "README"), "no such file"),
     ],
 )
-def test_errors_are_one_line(capture, tmp_path, words, message):
+def test_errors_are_one_line(run, capture, tmp_path, words, message):
     status, _, errors = run(*(w.format(capture=capture) for w in words), cwd=tmp_path)
     assert status == 2
     assert message in errors
@@ -131,7 +144,7 @@ def test_errors_are_one_line(capture, tmp_path, words, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_light_from_below_is_refused(capture, tmp_path):
+def test_a_light_from_below_is_refused(run, capture, tmp_path):
     run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "gradient")
     status, _, errors = run("relight", tmp_path / "t.exr", "-o", tmp_path / "p.png", "--slant", 95)
     assert status == 2
@@ -139,7 +152,7 @@ def test_a_light_from_below_is_refused(capture, tmp_path):
     assert not (tmp_path / "p.png").exists()
 
 
-def test_a_sphere_gives_the_lights(tmp_path):
+def test_a_sphere_gives_the_lights(run, tmp_path):
     from test_stack import mirror
 
     lights = dome(5, (20, 45))
@@ -164,7 +177,7 @@ def test_a_sphere_gives_the_lights(tmp_path):
         (("a.exr", "b.exr", "c.exr"), "a.exr", ()),
     ],
 )
-def test_inputs_are_never_overwritten(names, output, more, tmp_path):
+def test_inputs_are_never_overwritten(run, names, output, more, tmp_path):
     from intaglio import write_image
 
     stack = noisy(dome(3, (40,)))
@@ -180,7 +193,7 @@ def test_inputs_are_never_overwritten(names, output, more, tmp_path):
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-def test_meshes_that_can_not_be_rendered(capture, tmp_path):
+def test_meshes_that_can_not_be_rendered(run, capture, tmp_path):
     run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "gradient")
     square = "v -1 -1 0\nv 1 -1 0\nv {} 1 0\nvt 0 0\nvt {} 0\nvt 1 1\nf 1/1 2/2 3/3\n"
     for text, message in (
@@ -195,7 +208,7 @@ def test_meshes_that_can_not_be_rendered(capture, tmp_path):
     assert not (tmp_path / "r.png").exists()
 
 
-def test_info_of_a_texture(capture, tmp_path):
+def test_info_of_a_texture(run, capture, tmp_path):
     run("represent", capture, "-o", tmp_path / "t.exr", "--kind", "rbf", "--color", "luminance")
     status, said, _ = run("info", tmp_path / "t.exr")
     assert status == 0
@@ -207,7 +220,7 @@ def test_info_of_a_texture(capture, tmp_path):
     assert "below the surface" in errors
 
 
-def test_warnings_are_one_line(tmp_path):
+def test_warnings_are_one_line(run, tmp_path):
     stack = noisy(dome(6, (20, 50)))
     from intaglio import PhotometricStack
 
