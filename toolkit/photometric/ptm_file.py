@@ -32,10 +32,10 @@ def write_ptm(texture: Relightable, path: str | os.PathLike[str]) -> None:
     256 levels each. Viewers show the values as they are; of a texture fitted to linear values the picture looks dark in them,
     so fit to the photographs as they are stored (``read_stack(path, "linear")``) for .ptm viewers.
     """
-    maps = polynomial_maps(texture) * 255.0
+    maps = polynomial_maps(texture) * np.float32(255)
     if texture.chroma is not None or maps.shape[3] == 1:
         shares, peak = colour_shares(np.ones((*maps.shape[1:3], 3)) if texture.chroma is None else texture.chroma)
-        maps = maps * peak[None, :, :, None]
+        maps *= peak[None, :, :, None]
         color = np.round(255 * shares).astype(np.uint8)
         blocks, name = [maps[..., 0]], "PTM_FORMAT_LRGB"
     else:
@@ -57,8 +57,10 @@ def write_ptm(texture: Relightable, path: str | os.PathLike[str]) -> None:
     with whole_file(path) as beside, open(beside, "wb") as file:
         file.write(("\n".join(header) + "\n").encode())
         for block in blocks:
-            levels = np.clip(np.round(block / scale[:, None, None] + bias[:, None, None]), 0, 255).astype(np.uint8)
-            file.write(np.ascontiguousarray(np.moveaxis(levels, 0, 2)[::-1]).tobytes())
+            levels = np.empty((*block.shape[1:], 6), np.uint8)
+            for j, plane in enumerate(block):
+                levels[..., j] = np.clip(np.round(plane / scale[j] + bias[j]), 0, 255)
+            file.write(np.ascontiguousarray(levels[::-1]).tobytes())
         if color is not None:
             file.write(np.ascontiguousarray(color[::-1]).tobytes())
 
@@ -68,17 +70,17 @@ def colour_shares(chroma: Array) -> tuple[Array, Array]:
 
     The brightest channel of a pixel gets all levels of a file; the luminance takes the factor.
     """
-    peak = np.maximum(chroma.max(axis=2).astype(np.float64), 1e-12)
+    peak = np.maximum(chroma.max(axis=2), 1e-12).astype(np.float32)
     return np.clip(chroma / peak[..., None], 0, 1), peak
 
 
 def polynomial_maps(texture: Relightable) -> Array:
-    """Return the six maps (6, H, W, C) float64 of the polynomial nearest to a texture: its own, for kind ``"ptm"``."""
+    """Return the six maps (6, H, W, C) float32 of the polynomial nearest to a texture: its own, for kind ``"ptm"``."""
     if isinstance(texture.basis, PolynomialBasis):
-        return texture.maps.astype(np.float64)
+        return texture.maps
     lights = spread_lights(200, 80.0)
     to_polynomial = np.linalg.lstsq(coefficients(PolynomialBasis(), lights), coefficients(texture.basis, lights), rcond=None)[0]
-    return np.tensordot(to_polynomial, texture.maps.astype(np.float64), axes=1)
+    return np.tensordot(to_polynomial.astype(np.float32), texture.maps, axes=1)
 
 
 def read_ptm(path: str | os.PathLike[str]) -> Relightable:

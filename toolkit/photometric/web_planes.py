@@ -68,7 +68,6 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
     if described["colorspace"] == "lrgb":
         low[:3], high[:3] = 0, 1  # viewers take the colours as they are
     scale = np.where(high > low, high - low, 1.0)
-    missing = -len(planes) % 3
     info = {
         "width": int(planes.shape[2]),
         "height": int(planes.shape[1]),
@@ -77,8 +76,6 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
         "nplanes": len(planes),
         "materials": [{"scale": [float(s) for s in scale], "bias": [float(b) for b in -low / scale]}],
     }
-    padded = np.concatenate([planes, np.zeros((missing, *planes.shape[1:]))])
-    full_low, full_scale = np.append(low, np.zeros(missing)), np.append(scale, np.ones(missing))
     levels_of_table = None
     if table is not None:
         spread = np.maximum(np.abs(table).max(axis=(1, 2)), 1e-12)
@@ -89,10 +86,10 @@ def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tile
         info["basis"] = whole.ravel().tolist()
         levels_of_table = whole.tobytes()
     with whole_folder(path.parent) as beside:
-        for j in range(len(padded) // 3):
-            part = slice(3 * j, 3 * j + 3)
-            values = (padded[part] - full_low[part, None, None]) / full_scale[part, None, None]
-            image = np.moveaxis(np.round(255 * np.clip(values, 0, 1)).astype(np.uint8), 0, 2)
+        for j in range(-(-len(planes) // 3)):
+            image = np.zeros((*planes.shape[1:], 3), np.uint8)
+            for c, plane in enumerate(planes[3 * j : 3 * j + 3], start=3 * j):
+                image[..., c % 3] = np.round(255 * np.clip((plane - low[c]) / scale[c], 0, 1))
             if tiles:
                 _write_tiles(image, beside, j, quality)
             else:
@@ -113,7 +110,7 @@ def _planes(texture: Relightable) -> tuple[Array, dict[str, object], Array | Non
             planes = np.concatenate([np.moveaxis(shares, 2, 0), maps[..., 0] * peak])
             return planes, {"type": "ptm", "colorspace": "lrgb"}, None
         return _by_channel(maps), {"type": "ptm", "colorspace": "rgb"}, None
-    maps = texture.color_maps().astype(np.float64)
+    maps = texture.color_maps()
     if isinstance(texture.basis, HemisphericalBasis):
         return _by_channel(maps), {"type": "hsh", "colorspace": "rgb"}, None
     nodes = spread_lights(NODES, 89.0)
