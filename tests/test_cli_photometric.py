@@ -161,7 +161,18 @@ def test_a_sphere_gives_the_lights(run, tmp_path):
     (tmp_path / "sphere").mkdir()
     for k, picture in enumerate(mirror(lights)):
         Image.fromarray(np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8)).save(tmp_path / "sphere" / f"{k}.png")
-    words = ("represent", tmp_path / "object", "--sphere", tmp_path / "sphere", "-o", tmp_path / "t.exr", "--kind", "gradient")
+    words = (
+        "represent",
+        tmp_path / "object",
+        "--sphere",
+        tmp_path / "sphere",
+        "--circle",
+        "103,97,80",
+        "-o",
+        tmp_path / "t.exr",
+        "--kind",
+        "gradient",
+    )
     status, _, errors = run(*words)
     assert status == 0, errors
     truth = represent(stack, "gradient")

@@ -299,6 +299,23 @@ def test_lights_from_a_mirror_sphere():
     assert angle.max() < 0.5
 
 
+def test_a_sphere_in_the_photographs_themselves(tmp_path):
+    """A hand-held flash: sample to the left, mirror ball to the right, and no other record of the lights."""
+    lights = dome(6, (20, 50))
+    sample = noisy(lights, height=201, width=150).images[..., 0]
+    for k, ball in enumerate(mirror(lights)):
+        picture = np.concatenate([0.5 * sample[k], ball], axis=1)
+        Image.fromarray(np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8)).save(tmp_path / f"{k:02d}.png")
+    stack = read_stack(tmp_path, "linear", sphere=tmp_path, circle=(150 + 103.0, 97.0, 80.0))
+    assert np.degrees(np.arccos(np.clip((stack.lights * lights).sum(axis=1), -1, 1))).max() < 0.6
+    assert stack.shape == (12, 201, 351, 1)
+    for circle in ((999, 97, 80), (103, 97, 0), (1, 2), "ball"):
+        with pytest.raises(InputError, match="circle"):
+            read_stack(tmp_path, sphere=tmp_path, circle=circle)
+    with pytest.raises(InputError, match="give the folder of its pictures"):
+        read_stack(tmp_path, circle=(103, 97, 80))
+
+
 def test_spheres_that_are_none():
     with pytest.raises(InputError, match="one size"):
         lights_from_sphere([])

@@ -38,6 +38,7 @@ def _stack_options(command: Any) -> Any:
         click.option("--response", default=None, help="linear, srgb or a gamma; default: 8 bits sRGB, others linear."),
         click.option("--mask", type=click.Path(path_type=Path), default=None, help="Image of the pixels to use."),
         click.option("--sphere", type=click.Path(path_type=Path), default=None, help="Folder of mirror sphere pictures."),
+        click.option("--circle", type=Numbers(3), default=None, help="x,y,radius of the sphere in its pictures, in pixels."),
         click.option("--grey", is_flag=True, help="Take the mean of the channels."),
     ]
     for option in reversed(options):
@@ -45,12 +46,19 @@ def _stack_options(command: Any) -> Any:
     return command
 
 
-def _read(capture: Path, response: str | None, mask: Path | None, sphere: Path | None, grey: bool) -> PhotometricStack:
+def _read(
+    capture: Path,
+    response: str | None,
+    mask: Path | None,
+    sphere: Path | None,
+    circle: tuple[float, float, float] | None,
+    grey: bool,
+) -> PhotometricStack:
     try:
         curve: str | float | None = response if response in (None, "linear", "srgb") else float(str(response))
     except ValueError:
         raise InputError(f"--response {response!r} is not known; give linear, srgb or a gamma such as 2.2") from None
-    return read_stack(capture, curve, mask=mask, sphere=sphere, grey=grey)
+    return read_stack(capture, curve, mask=mask, sphere=sphere, circle=circle, grey=grey)
 
 
 def _spare(inputs: list[Path], output: Path, maps: Path | None) -> None:
@@ -86,6 +94,7 @@ def represent(
     response: str | None,
     mask: Path | None,
     sphere: Path | None,
+    circle: tuple[float, float, float] | None,
     grey: bool,
     maps: Path | None,
     tiles: bool,
@@ -100,7 +109,7 @@ def represent(
     if maps is not None:
         check_folder(maps)
     start = time.perf_counter()
-    stack = _read(capture, response, mask, sphere, grey)
+    stack = _read(capture, response, mask, sphere, circle, grey)
     inputs = [capture, *map(Path, stack.names), *([mask] if mask is not None else [])]
     check_writable(output, inputs=tuple(inputs))
     _spare(inputs, output, maps)
@@ -222,6 +231,7 @@ def assess(
     response: str | None,
     mask: Path | None,
     sphere: Path | None,
+    circle: tuple[float, float, float] | None,
     grey: bool,
     robust: bool,
     seed: int,
@@ -240,7 +250,7 @@ def assess(
     if output is not None:
         known_suffix(output, (".html", ".htm"), "report")
         check_writable(output, inputs=(capture,))
-    stack = _read(capture, response, mask, sphere, grey)
+    stack = _read(capture, response, mask, sphere, circle, grey)
     with ProgressBar("fitting kinds") as bar:
         reasons: list[str] = []
         found = assess_kinds(

@@ -61,7 +61,14 @@ def lights_from_sphere(
         raise InputError("pictures of the sphere must all be of one size, and there must be some")
     if circle is None:
         circle = fit_circle(np.mean(grey, axis=0) if outline is None else _grey(outline))
-    cx, cy, radius = circle
+    try:
+        cx, cy, radius = (float(v) for v in circle)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"circle {circle!r} is not (x, y, radius)") from error
+    height, width = grey[0].shape
+    if not (radius >= 2 and 0 <= cx < width and 0 <= cy < height):
+        raise InputError(f"circle ({cx:g}, {cy:g}, {radius:g}) is not x, y, radius inside pictures of {width} x {height} pixels")
+    circle = cx, cy, radius
     rows, columns = np.mgrid[: grey[0].shape[0], : grey[0].shape[1]]
     inside = np.hypot(columns - cx, rows - cy) < 0.97 * radius
     highlights = np.array([_highlight(g, inside, radius, k) for k, g in enumerate(grey)])

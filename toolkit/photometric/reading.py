@@ -36,6 +36,7 @@ def read_stack(
     mask: str | os.PathLike[str] | Array | None = None,
     intensities: str | os.PathLike[str] | None = None,
     sphere: str | os.PathLike[str] | None = None,
+    circle: tuple[float, float, float] | None = None,
     grey: bool = False,
     memory: int = MEMORY_BYTES,
 ) -> PhotometricStack:
@@ -60,7 +61,9 @@ def read_stack(
         ``light_intensities.txt`` beside the lights, if there is one.
     sphere : path, optional
         Folder with a picture of a mirror sphere per image, in the same order: the lights are computed from it, and ``path`` is
-        the folder of the images. See `lights_from_sphere`.
+        the folder of the images. It may be the same folder, if the sphere lies in the picture. See `lights_from_sphere`.
+    circle : (x, y, radius), optional
+        Outline of the sphere in pixels of its pictures, from the upper left; default: found, if the sphere fills a good part.
     grey : bool
         Take the mean of the channels.
     memory : int
@@ -78,7 +81,7 @@ def read_stack(
         If lights and images don't fit in number, images in size, or a light is no direction.
     """
     decode_value = _response(response)
-    folder, names, lights, source = _lights(Path(path), sphere)
+    folder, names, lights, source = _lights(Path(path), sphere, circle)
     paths = _image_paths(folder, names, len(lights), source)
     missing = [p for p in paths if not p.exists()]
     if missing:
@@ -108,7 +111,9 @@ def read_stack(
     return PhotometricStack(images, lights, known, labels, notes, ceiling)
 
 
-def _lights(path: Path, sphere: str | os.PathLike[str] | None) -> tuple[Path, list[str], Array, Path]:
+def _lights(
+    path: Path, sphere: str | os.PathLike[str] | None, circle: tuple[float, float, float] | None
+) -> tuple[Path, list[str], Array, Path]:
     """Return the folder of the images, their names (may be empty), the lights, and the file that gave them."""
     if sphere is not None:
         if not path.is_dir():
@@ -119,8 +124,10 @@ def _lights(path: Path, sphere: str | os.PathLike[str] | None) -> tuple[Path, li
         count = len(_images_of(path))
         if len(pictures) != count:
             raise InputError(f"{sphere}: holds {len(pictures)} pictures of a sphere for {count} images in {path}; give one each")
-        found = lights_from_sphere([read_image(p, linear=True) for p in pictures])
+        found = lights_from_sphere([read_image(p, linear=True) for p in pictures], circle)
         return path, [], found.lights, Path(sphere)
+    if circle is not None:
+        raise InputError("a circle outlines a mirror sphere: give the folder of its pictures as well")
     if path.is_dir():
         candidates = [path / n for n in _LIGHT_FILES if (path / n).exists()] or sorted(path.glob("*.lp"))
         if not candidates:
