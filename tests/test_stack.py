@@ -352,7 +352,7 @@ def test_real_formats(real):
     assert len(lights) == 60
 
 
-# ---- what an attack on the reader found ----
+# ---- hostile input ----
 
 
 def eight_bit_capture(folder, count=3, suffix=".png", write=None):

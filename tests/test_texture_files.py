@@ -372,7 +372,7 @@ def test_maps_into_a_file(tmp_path):
         write_maps(texture_of("ptm"), tmp_path / "x")
 
 
-# ---- what an attack on the readers found ----
+# ---- hostile input ----
 
 
 def tampered(tmp_path, change):
