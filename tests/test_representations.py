@@ -455,7 +455,7 @@ def test_an_image_without_contrast_is_left_out():
     ],
 )
 def test_reference_figures_on_real_stacks(real, item, gradient, ptm, eigen6, best):
-    """Plain least squares by NumPy on the mean of the channels; and 18 components by thin plates in stereographic coordinates, to be beaten."""
+    """Plain least squares by NumPy on the mean of the channels; and 18 components by thin plates over a stereographic chart."""
     stack = read_stack(real(f"photometric/{item}"), "linear", grey=True)
     for kind, expected in (("gradient", gradient), ("ptm", ptm)):
         for left_out in (False, True):
