@@ -150,7 +150,7 @@ def test_real_ptm(real):
 
 
 def jpeg_ptm(path, planes, *, order, reference, transforms, side=()):
-    """Write a JPEG_LRGB file of given levels (9, H, W), predicting planes as asked."""
+    """Write a JPEG_LRGB (9 planes) or JPEG_RGB (18) file of given levels (N, H, W), predicting planes as asked."""
     streams = []
     for i, plane in enumerate(planes):
         stored = plane.astype(np.int16)
@@ -160,13 +160,24 @@ def jpeg_ptm(path, planes, *, order, reference, transforms, side=()):
         buffer = io.BytesIO()
         Image.fromarray(stored.astype(np.uint8)).save(buffer, "JPEG", quality=100)
         streams.append(buffer.getvalue())
-    extra = [b"".join(int(w).to_bytes(4, "big") + bytes([v]) for w, v in entries) for entries in side] or [b""] * 9
-    rows = [
-        "PTM_1.2", "PTM_FORMAT_JPEG_LRGB", f"{planes.shape[2]} {planes.shape[1]}", "2 2 2 2 2 2", "128 128 128 128 128 0", "90",
-        " ".join(map(str, transforms)), "0 " * 9, "0 " * 9, " ".join(map(str, order)), " ".join(map(str, reference)),
-        " ".join(str(len(s)) for s in streams), " ".join(str(len(e)) for e in extra),
-    ]  # fmt: skip
+    extra = [b"".join(int(w).to_bytes(4, "big") + bytes([v]) for w, v in entries) for entries in side] or [b""] * len(planes)
+    count = len(planes)
+    numbers = [transforms, [0] * count, [0] * count, order, reference, [len(e) for e in streams], [len(e) for e in extra]]
+    rows = ["PTM_1.2", "PTM_FORMAT_JPEG_LRGB" if count == 9 else "PTM_FORMAT_JPEG_RGB"]
+    rows += [f"{planes.shape[2]} {planes.shape[1]}", "2 2 2 2 2 2", "128 128 128 128 128 0", "90"]
+    rows += [" ".join(map(str, line)) for line in numbers]
     path.write_bytes(("\n".join(rows) + "\n").encode() + b"".join(s + e for s, e in zip(streams, extra, strict=True)))
+
+
+def test_jpeg_ptm_of_three_polynomials(tmp_path):
+    column = np.mgrid[:16, :24][1]
+    planes = np.stack([60 + 3 * column + 5 * i for i in range(18)]).astype(np.uint8)
+    jpeg_ptm(tmp_path / "t.ptm", planes, order=range(18), reference=[-1] * 18, transforms=[0] * 18)
+    texture = read_relightable(tmp_path / "t.ptm")
+    assert texture.chroma is None
+    bias = np.array([128] * 5 + [0])[:, None, None, None]
+    expected = (np.moveaxis(planes[:, ::-1].reshape(3, 6, 16, 24), 0, 3).astype(float) - bias) * 2 / 255
+    np.testing.assert_allclose(texture.maps, expected, atol=2 * 3 / 255)
 
 
 def test_predicted_planes_of_jpeg_ptm(tmp_path):
