@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.render.relightable import distant_light, orthographic_sensor, textured_mesh
+from intaglio.render.relightable import orthographic_sensor, textured_mesh
 from intaglio.render.variant import mitsuba
+from intaglio.render.view import distant_light
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -95,7 +96,7 @@ def photometric_capture(
         if shadows:
             direct = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
             scene["integrator"] = direct if bounces == 0 else {"type": "path", "max_depth": bounces + 2}
-            scene["light"] = distant_light(light)
+            scene["light"] = distant_light(light, np.pi)
             integrator = None
         else:
             integrator = _unshadowed(mi.variant())(mi.Properties(), light)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.render.variant import mitsuba
-from intaglio.render.view import Camera, make_sensor
+from intaglio.render.view import Camera, distant_light, filled_mesh, lit_mesh, make_sensor, over_background
 
 Array = np.ndarray
 # From the components of the light's unit vector, and the functions of an array library, to n coefficients.
@@ -118,30 +118,9 @@ def matte_bsdf(normal: Array, albedo: Array) -> Any:
 
 def textured_mesh(vertices: Array, faces: Array, uv: Array, bsdf: Any, *, flat: bool = False) -> Any:
     """Return a Mitsuba mesh with texture coordinates ``uv`` (N, 2); (0, 0) is the texture's lower left corner."""
-    mi = mitsuba()
-    vertices, faces, uv = np.asarray(vertices), np.asarray(faces), np.asarray(uv)
-    if len(vertices) == 0 or len(faces) == 0:
-        raise ValueError(f"there is nothing to render: {len(vertices)} vertices, {len(faces)} faces")
-    if uv.shape != (len(vertices), 2):
-        raise ValueError(f"texture coordinates must be ({len(vertices)}, 2), not {uv.shape}")
-    properties = mi.Properties()
-    properties["bsdf"] = bsdf
-    mesh = mi.Mesh(
-        "textured",
-        vertex_count=len(vertices),
-        face_count=len(faces),
-        has_vertex_normals=not flat,
-        has_vertex_texcoords=True,
-        props=properties,
-    )
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
-    parameters["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
-    parameters["vertex_texcoords"] = np.ascontiguousarray(uv, np.float32).ravel()
-    parameters.update()
-    if not flat:
-        mesh.recompute_vertex_normals()
-    return mesh
+    if np.shape(uv) != (len(vertices), 2):
+        raise ValueError(f"texture coordinates must be ({len(vertices)}, 2), not {np.shape(uv)}")
+    return filled_mesh(vertices, faces, bsdf, uv=uv, flat=flat)
 
 
 def relit(
@@ -253,25 +232,9 @@ def orthographic_sensor(size: tuple[int, int], pixel: float, distance: float, *,
 
 
 def _render(mesh: Any, sensor: Any, light: Array, samples: int, seed: int, background: float) -> Array:
-    mi = mitsuba()
     towards = np.asarray(light, np.float64) / np.linalg.norm(light)
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
-            "mesh": mesh,
-            "light": distant_light(towards),
-        }
-    )
-    image = np.array(mi.render(scene, sensor=sensor, spp=samples, seed=seed & 0xFFFFFFFF), dtype=np.float32)
-    alpha = np.clip(image[:, :, 3:4], 0, 1)
-    return np.ascontiguousarray(image[:, :, :3] + (1 - alpha) * np.float32(background))
-
-
-def distant_light(towards: Array) -> dict[str, Any]:
-    """Return Mitsuba's description of a distant light of irradiance π from the unit vector ``towards`` it."""
-    strength = {"type": "rgb", "value": float(np.pi)}
-    return {"type": "directional", "direction": [-float(t) for t in towards], "irradiance": strength}
+    rendered = lit_mesh(mesh, sensor, distant_light(towards, np.pi), samples=samples, seed=seed)
+    return over_background(rendered, background)
 
 
 def _drjit() -> Any:

@@ -123,16 +123,28 @@ def view(
     rendered = np.zeros((size[1], size[0], 4), np.float32)
     # One light at a time: choosing between lights at random would grain the picture.
     for name, strength in (("key", light.strength), ("fill", light.fill)):
-        emitter = {
-            "type": "directional",
-            "direction": [float(x) for x in -towards[name]],
-            "irradiance": {"type": "rgb", "value": float(strength)},
-        }
-        integrator = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
-        scene = mi.load_dict({"type": "scene", "integrator": integrator, "mesh": mesh, "light": emitter})
-        lit = np.array(mi.render(scene, sensor=sensor, spp=samples, seed=seed & 0xFFFFFFFF), dtype=np.float32)
+        lit = lit_mesh(mesh, sensor, distant_light(towards[name], strength), samples=samples, seed=seed)
         rendered[:, :, :3] += lit[:, :, :3]
         rendered[:, :, 3] = lit[:, :, 3]
+    return over_background(rendered, background)
+
+
+def distant_light(towards: Array, irradiance: float) -> dict[str, object]:
+    """Return Mitsuba's description of a distant light from the unit vector ``towards`` it."""
+    strength = {"type": "rgb", "value": float(irradiance)}
+    return {"type": "directional", "direction": [-float(t) for t in towards], "irradiance": strength}
+
+
+def lit_mesh(mesh: object, sensor: object, light: dict[str, object], *, samples: int, seed: int) -> Array:
+    """Render a mesh under one light, without interreflections, as (H, W, 4) float32 with alpha."""
+    mi = mitsuba()
+    integrator = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+    scene = mi.load_dict({"type": "scene", "integrator": integrator, "mesh": mesh, "light": light})
+    return np.array(mi.render(scene, sensor=sensor, spp=samples, seed=seed & 0xFFFFFFFF), dtype=np.float32)
+
+
+def over_background(rendered: Array, background: float) -> Array:
+    """Return (H, W, 3) of a rendering with alpha (H, W, 4) over a grey ``background``."""
     alpha = np.clip(rendered[:, :, 3:4], 0, 1)
     return np.ascontiguousarray(rendered[:, :, :3] + (1 - alpha) * np.float32(background))
 
@@ -178,21 +190,30 @@ def make_mesh(
 ) -> object:
     """Return a Mitsuba mesh with a matte, two-sided material."""
     mi = mitsuba()
-    vertices, faces = np.asarray(vertices), np.asarray(faces)
-    if len(vertices) == 0 or len(faces) == 0:
-        raise ValueError(f"there is nothing to render: {len(vertices)} vertices, {len(faces)} faces")
     if colors is None:
         reflectance = {"type": "rgb", "value": [float(a) for a in albedo]}
     else:
         reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+    bsdf = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": reflectance}})
+    return filled_mesh(vertices, faces, bsdf, colors=colors, flat=flat)
+
+
+def filled_mesh(
+    vertices: Array, faces: Array, bsdf: object, *, colors: Array | None = None, uv: Array | None = None, flat: bool = False
+) -> object:
+    """Return a Mitsuba mesh of a material, with colours (N, 3) or texture coordinates (N, 2) at the vertices."""
+    mi = mitsuba()
+    vertices, faces = np.asarray(vertices), np.asarray(faces)
+    if len(vertices) == 0 or len(faces) == 0:
+        raise ValueError(f"there is nothing to render: {len(vertices)} vertices, {len(faces)} faces")
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": reflectance}})
+    properties["bsdf"] = bsdf
     mesh = mi.Mesh(
         "surface",
         vertex_count=len(vertices),
         face_count=len(faces),
         has_vertex_normals=not flat,
-        has_vertex_texcoords=False,
+        has_vertex_texcoords=uv is not None,
         props=properties,
     )
     if colors is not None:
@@ -200,6 +221,8 @@ def make_mesh(
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
     parameters["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
+    if uv is not None:
+        parameters["vertex_texcoords"] = np.ascontiguousarray(uv, np.float32).ravel()
     parameters.update()
     if not flat:
         mesh.recompute_vertex_normals()

@@ -6,6 +6,8 @@ import numpy as np
 
 from intaglio import PhotometricStack, light_direction, write_image
 
+HELD_OUT = np.array([light_direction(t, s) for t, s in ((10, 20), (100, 45), (200, 33), (333, 62))])
+
 
 def dome(tilts=8, slants=(15, 35, 55, 75), turn=0.0):
     """Lights on a full grid of tilt and slant."""
@@ -30,11 +32,15 @@ def relief(height=11, width=17):
     return normal, albedo
 
 
-def lambertian(lights, height=11, width=17):
-    """A stack that follows Lambert's law without shadows, whatever the lights: values may be negative."""
+def truth(lights, height=11, width=17):
+    """Images (K, H, W, 3) of that relief under Lambert's law without shadows, whatever the lights: values may be negative."""
     normal, albedo = relief(height, width)
-    images = np.einsum("kd,hwd->khw", lights, normal)[..., None] * albedo
-    return PhotometricStack(images.astype(np.float32), lights, ceiling=np.inf)
+    return np.einsum("kd,hwd->khw", lights, normal)[..., None] * albedo
+
+
+def lambertian(lights, height=11, width=17):
+    """The stack of those images."""
+    return PhotometricStack(truth(lights, height, width).astype(np.float32), lights, ceiling=np.inf)
 
 
 def noisy(lights, channels=1, seed=0, height=9, width=10):

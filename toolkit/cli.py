@@ -252,7 +252,7 @@ def main() -> None:
     except IntaglioError as error:
         _stop(str(error))
     except MemoryError:
-        _stop("not enough memory; give a larger --spacing, a smaller --window or fewer --rotations")
+        _stop("not enough memory; meshes: a larger --spacing, a smaller --window or fewer --rotations; stacks: smaller images")
     except BrokenPipeError:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - the interpreter flushes it on its way out
         sys.exit(2)

@@ -64,6 +64,13 @@ def check_writable(path: str | os.PathLike[str], *, inputs: tuple[str | os.PathL
     return path
 
 
+def _give_usual_permissions(path: Path) -> None:
+    """Set what a new file or folder would have; temporary ones are made for their owner alone."""
+    umask = os.umask(0)
+    os.umask(umask)
+    os.chmod(path, (0o777 if path.is_dir() else 0o666) & ~umask)
+
+
 def check_folder(path: str | os.PathLike[str]) -> Path:
     """Return ``path`` as a Path, or raise `FileError` if it is no folder that can be written to, and can't be made one."""
     path = Path(path)
@@ -106,10 +113,8 @@ def whole_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
             target = folder / path.name
             if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
                 raise FileError(f"{target}: is in the way, and no {'folder' if path.is_dir() else 'file'}; move it")
-        umask = os.umask(0)
-        os.umask(umask)
         for path in made:
-            os.chmod(path, (0o777 if path.is_dir() else 0o666) & ~umask)
+            _give_usual_permissions(path)
             target = folder / path.name
             if target.is_dir():
                 os.replace(target, beside / f"old-{path.name}")
@@ -138,9 +143,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     beside = Path(name)
     try:
         yield beside
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(beside, 0o666 & ~umask)
+        _give_usual_permissions(beside)
         os.replace(beside, path)
     except OSError as error:
         if isinstance(error, FileError):
