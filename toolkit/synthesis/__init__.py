@@ -1,0 +1,1 @@
+"""Larger textures from small samples, in any number of dimensions (Dong, chapters 5 and 6)."""

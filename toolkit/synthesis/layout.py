@@ -1,0 +1,84 @@
+"""Where blocks lie, how far each is overlapped by those laid before it, and which can be laid at the same time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from intaglio.kernels.blocks import Blocks
+
+Array = np.ndarray
+
+LEFT, TOP, RIGHT, BOTTOM = range(4)
+
+
+def _starts(length: int, block: int, overlap: int, wrap: bool) -> Array:
+    """Return where blocks begin along one side: one step apart, or evenly around a circle of ``length``."""
+    step = block - overlap
+    if not wrap:
+        return np.arange(max(1, -(-(length - overlap) // step))) * step
+    count = max(2, -(-length // step))
+    return np.arange(count) * length // count
+
+
+def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, continued: bool) -> Blocks:
+    """Return the blocks that cover ``shape``, in waves whose order is as good as raster order.
+
+    A block comes a wave after the last block before it, in raster order, that it touches: so every block meets exactly what
+    it would meet in raster order, and blocks of one wave don't touch.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the result; without ``tileable`` the canvas may be larger, to be cropped.
+    block, overlap : int
+        Side of a block, and how far blocks overlap at least.
+    tileable : bool
+        The canvas wraps around.
+    continued : bool
+        List the block to the upper right among those a block can continue.
+    """
+    ys, xs = (_starts(n, block, overlap, tileable) for n in shape)
+    rows, columns = len(ys), len(xs)
+    canvas = shape if tileable else (int(ys[-1]) + block, int(xs[-1]) + block)
+    reach = -(-block // int(min(np.diff(ys).min(initial=block), np.diff(xs).min(initial=block))))
+    wave = np.zeros((rows, columns), int)
+    for i in range(rows):
+        for j in range(columns):
+            before = _before(i, j, rows, columns, reach, tileable)
+            wave[i, j] = 1 + max((wave[a, b] for a, b in before), default=-1)
+    order = np.argsort(wave.ravel(), kind="stable")
+    place = np.empty(rows * columns, int)
+    place[order] = np.arange(rows * columns)
+    place = place.reshape(rows, columns)
+
+    overlaps = np.zeros((rows, columns, 4), np.int32)
+    neighbour = np.full((rows, columns, 4), -1, np.int32)
+    overlaps[:, 1:, LEFT] = block - np.diff(xs)[None, :]
+    overlaps[1:, :, TOP] = block - np.diff(ys)[:, None]
+    neighbour[:, 1:, 0] = place[:, :-1]
+    neighbour[1:, :, 1] = place[:-1, :]
+    neighbour[1:, 1:, 2] = place[:-1, :-1]
+    if continued:
+        neighbour[1:, :-1, 3] = place[:-1, 1:]
+    if tileable:
+        overlaps[:, -1, RIGHT] = block - (canvas[1] - xs[-1])
+        overlaps[-1, :, BOTTOM] = block - (canvas[0] - ys[-1])
+        if not continued:
+            neighbour[:, -1, 3] = neighbour[-1, :, 3] = -2
+    origin = np.stack(np.meshgrid(ys, xs, indexing="ij"), axis=2).astype(np.int32)
+    waves = np.concatenate([[0], np.cumsum(np.bincount(wave.ravel()))])
+    flat = [a.reshape(rows * columns, -1)[order] for a in (origin, np.minimum(overlaps, block), neighbour)]
+    return Blocks(block, flat[0], flat[1], flat[2], waves, canvas)
+
+
+def _before(i: int, j: int, rows: int, columns: int, reach: int, wrap: bool) -> set[tuple[int, int]]:
+    """Return the blocks before (i, j) in raster order that it touches, or may touch."""
+    found = set()
+    for di in range(-reach + 1, reach):
+        for dj in range(-reach + 1, reach):
+            a, b = i + di, j + dj
+            if wrap:
+                a, b = a % rows, b % columns
+            if 0 <= a < rows and 0 <= b < columns and (a, b) < (i, j):
+                found.add((a, b))
+    return found

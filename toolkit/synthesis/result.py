@@ -1,0 +1,60 @@
+"""What synthesis gives: maps, and for every pixel where in the sample it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from intaglio.photometric.relightable import Relightable
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Synthesis:
+    """A synthesised texture.
+
+    Attributes
+    ----------
+    maps : (H, W, n) array
+        Copies of the sample's values: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly.
+    source : (H, W, 2) int32 array
+        Row and column in the sample of each pixel.
+    texture : Relightable, optional
+        The same as a relightable texture, where the sample was one.
+    tileable : bool
+        Whether the result was made to wrap.
+    notes : tuple of str
+        What was chosen.
+    """
+
+    maps: Array
+    source: Array
+    texture: Relightable | None = None
+    tileable: bool = False
+    notes: tuple[str, ...] = ()
+
+    def copy_of(self, sample: Array) -> Array:
+        """Return any other map of the sample, (H, W) or (H, W, n), laid as this result was laid."""
+        return sample[self.source[..., 0], self.source[..., 1]]
+
+
+def copied(maps: Any, values: Array, source: Array, *, tileable: bool, notes: tuple[str, ...]) -> Synthesis:
+    """Return the result whose pixels are copied from ``values`` (H, W, n), the planes of ``maps``."""
+    texture = copied_texture(maps, source) if isinstance(maps, Relightable) else None
+    return Synthesis(np.ascontiguousarray(values[source[..., 0], source[..., 1]]), source, texture, tileable, notes)
+
+
+def copied_texture(texture: Relightable, source: Array) -> Relightable:
+    """Return a texture whose pixels are those of ``texture`` at ``source``; all of them are usable, so it has no mask."""
+    at = (source[..., 0], source[..., 1])
+    planes = {name: getattr(texture, name) for name in ("chroma", "height", "confidence")}
+    return replace(
+        texture,
+        maps=texture.maps[:, at[0], at[1]],
+        mask=None,
+        notes=(*texture.notes, "synthesised from a sample"),
+        **{name: None if plane is None else plane[at] for name, plane in planes.items()},
+    )
