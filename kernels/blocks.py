@@ -182,7 +182,8 @@ def _cost_kernel(terms: Any) -> wp.Kernel:
         p1 = penalty[row + 1, g]
         p2 = penalty[row + 2, g]
         p3 = penalty[row + 3, g]
-        if radius >= 0:
+        # Kernels evaluate both sides of an "and".
+        if radius >= 0:  # noqa: SIM102
             if near_continued(continued, k, row, LANES * g, width, radius) == 1:
                 p0 += barred(continued, k, row, LANES * g, width, radius)
                 p1 += barred(continued, k, row + 1, LANES * g, width, radius)
@@ -892,7 +893,9 @@ class BlockLayer:
             work=2 * count * block * self._maps,
         )  # fmt: skip
         if seams is None:
-            self._launch(_cut_paths, (count, 4), [first, self._overlap, block, self._error], [self._summed, self._cut], work=5 * area)
+            self._launch(
+                _cut_paths, (count, 4), [first, self._overlap, block, self._error], [self._summed, self._cut], work=5 * area
+            )
             self._launch(_mark, dim, [block, self._cut], [self._take], work=2 * count * block)
         else:
             kept = np.zeros(self._take.shape, np.uint8)

@@ -29,6 +29,7 @@ from intaglio.photometric import (
     write_relightable,
     write_web_planes,
 )
+from intaglio.ranks import Friedman, MultipleComparison, friedman, multiple_comparison, read_ranks
 from intaglio.relief import (
     Base,
     Cylinder,
@@ -42,6 +43,15 @@ from intaglio.relief import (
     write_relief_report,
 )
 from intaglio.surface import Surface, surface_from_points, surface_from_range_image
+from intaglio.synthesis import (
+    Synthesis,
+    SynthesisReport,
+    assess_synthesis,
+    grow,
+    quilt,
+    synthesize,
+    synthesize_each_light,
+)
 
 __version__ = "0.1.0"
 
@@ -50,10 +60,12 @@ __all__ = [
     "Cylinder",
     "FileError",
     "FitError",
+    "Friedman",
     "InputError",
     "IntaglioError",
     "IntaglioWarning",
     "Integrability",
+    "MultipleComparison",
     "PhotometricStack",
     "Plane",
     "ReliefReport",
@@ -63,21 +75,29 @@ __all__ = [
     "SphereLights",
     "Surface",
     "SurfaceMaps",
+    "Synthesis",
+    "SynthesisReport",
     "TruthComparison",
     "__version__",
     "assess_relief",
     "assess_representation",
+    "assess_synthesis",
     "complete_relief",
     "fit_base",
     "fit_circle",
+    "friedman",
     "gradients_from_height",
+    "grow",
     "height_from_gradients",
     "height_of",
     "integrability",
     "light_direction",
     "lights_from_sphere",
+    "multiple_comparison",
+    "quilt",
     "read_exr",
     "read_image",
+    "read_ranks",
     "read_relightable",
     "read_stack",
     "read_surface",
@@ -85,6 +105,8 @@ __all__ = [
     "surface_from_points",
     "surface_from_range_image",
     "surface_maps",
+    "synthesize",
+    "synthesize_each_light",
     "tilt_and_slant",
     "write_exr",
     "write_gltf",

@@ -23,6 +23,7 @@ from intaglio.synthesis.sample import (
     checked_number,
     checked_size,
     prepare,
+    stacked,
 )
 
 Array = np.ndarray
@@ -177,6 +178,9 @@ def _prepared(maps: Any, hole: Array | None, mask: Array | None, match: Any, wei
     if hole is None:
         return prepare(maps, mask=mask, match=match, weights=weights)
     known = ~hole
+    size = stacked(maps).shape[:2]
+    if hole.shape != size:
+        raise InputError(f"missing is {hole.shape}, the maps are {size}; they must have one size")
     if mask is not None:
         mask = np.asarray(mask)
         if mask.shape != hole.shape:
@@ -221,9 +225,7 @@ def _candidates(usable: Array, coarse_usable: Array | None, window: int, has_coa
     return np.argwhere(whole)
 
 
-def _grouped(
-    level: Level, coarse: Level | None, candidates: Array, window: int, notes: list[str]
-) -> tuple[Array, Array]:
+def _grouped(level: Level, coarse: Level | None, candidates: Array, window: int, notes: list[str]) -> tuple[Array, Array]:
     """Return the candidates, thinned where they are too many, and an order in which similar ones are neighbours."""
     elements = len(level.planes) * (window * window + (0 if coarse is None else 9))
     most = _MOST_VALUES // elements

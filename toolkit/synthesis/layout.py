@@ -47,9 +47,7 @@ def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, co
             before = _before(i, j, rows, columns, reach, tileable)
             wave[i, j] = 1 + max((wave[a, b] for a, b in before), default=-1)
     order = np.argsort(wave.ravel(), kind="stable")
-    place = np.empty(rows * columns, int)
-    place[order] = np.arange(rows * columns)
-    place = place.reshape(rows, columns)
+    place = np.argsort(order).reshape(rows, columns)
 
     overlaps = np.zeros((rows, columns, 4), np.int32)
     neighbour = np.full((rows, columns, 4), -1, np.int32)

@@ -122,9 +122,7 @@ def _descriptors(planes: Array, corner: Array, side: int) -> Array:
     return np.ascontiguousarray(np.moveaxis(means[:, y, x], 0, 1).reshape(len(corner), -1))
 
 
-def _pass(
-    features: Array, windows: _Windows, source: Array, values: Array, tileable: bool, *, copy: bool
-) -> tuple[Array, Array]:
+def _pass(features: Array, windows: _Windows, source: Array, values: Array, tileable: bool, *, copy: bool) -> tuple[Array, Array]:
     """Match and vote once; return provenance, and the values (n, H, W) that the next pass matches."""
     side, step = windows.side, windows.side // _PER_SIDE
     height, width = source.shape[:2]
@@ -144,7 +142,9 @@ def _pass(
     total = values * 0
     weights = np.zeros((height, width), np.float32)
     for number in range(_PER_SIDE**2):
-        proposal, strength = _proposals(corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest)
+        proposal, strength = _proposals(
+            corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest
+        )
         total += strength * _read(features, proposal)
         weights += strength
     voted = total / weights
@@ -153,7 +153,9 @@ def _pass(
     best = np.full((height, width), np.inf, np.float32)
     chosen = source.copy()
     for number in range(_PER_SIDE**2):
-        proposal, _ = _proposals(corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest)
+        proposal, _ = _proposals(
+            corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest
+        )
         away = ((_read(features, proposal) - voted) ** 2).sum(axis=0)
         away = ndimage.uniform_filter(away, 3, mode="wrap" if tileable else "nearest")
         nearer = away < best

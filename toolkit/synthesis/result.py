@@ -50,11 +50,16 @@ def copied(maps: Any, values: Array, source: Array, *, tileable: bool, notes: tu
 def copied_texture(texture: Relightable, source: Array) -> Relightable:
     """Return a texture whose pixels are those of ``texture`` at ``source``; all of them are usable, so it has no mask."""
     at = (source[..., 0], source[..., 1])
-    planes = {name: getattr(texture, name) for name in ("chroma", "height", "confidence")}
+
+    def moved(plane: Array | None) -> Array | None:
+        return None if plane is None else plane[at]
+
     return replace(
         texture,
         maps=texture.maps[:, at[0], at[1]],
+        chroma=moved(texture.chroma),
+        height=moved(texture.height),
+        confidence=moved(texture.confidence),
         mask=None,
         notes=(*texture.notes, "synthesised from a sample"),
-        **{name: None if plane is None else plane[at] for name, plane in planes.items()},
     )

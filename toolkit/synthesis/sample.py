@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,11 @@ def texture_planes(texture: Relightable) -> Array:
     planes = [np.moveaxis(texture.maps, 0, 2).reshape(height, width, -1)]
     planes += [p.reshape(height, width, -1) for p in (texture.chroma, texture.height, texture.confidence) if p is not None]
     return np.concatenate([p.astype(np.float32, copy=False) for p in planes], axis=2)
+
+
+def compared_planes(texture: Relightable) -> Array:
+    """Return what is compared of a relightable texture: maps and chromaticity; heights and confidence follow from these."""
+    return texture_planes(replace(texture, height=None, confidence=None))
 
 
 def stacked(maps: Any, name: str = "maps") -> Array:
@@ -106,7 +111,10 @@ def prepare(
         usable &= mask.astype(bool)
     if not usable.any():
         raise InputError("mask leaves no pixel of the sample; True marks pixels that may be used")
-    compared = values if match is None else stacked(match, "match")
+    if match is not None:
+        compared = stacked(match, "match")
+    else:
+        compared = compared_planes(maps) if isinstance(maps, Relightable) else values
     if compared.shape[:2] != usable.shape:
         raise InputError(f"match is {compared.shape[:2]}, the maps are {usable.shape}; they must have one size")
     for name, array in (("maps", values), ("match", compared)):

@@ -1,0 +1,295 @@
+"""How much a synthesised texture is like its sample, and where it can be told that it was made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import fft, ndimage
+
+from intaglio.errors import InputError
+from intaglio.photometric import Relightable
+from intaglio.randomness import uniform
+from intaglio.statistics import earth_movers_distance
+from intaglio.synthesis.nearest import NearestWindows
+from intaglio.synthesis.result import Synthesis
+from intaglio.synthesis.sample import prepare
+
+Array = np.ndarray
+
+# Windows whose nearest are sought, and most they are sought among.
+_QUERIES = 2000
+_AMONG = 40_000
+_WINDOW = 8
+
+# Directions along which joint distributions are compared.
+_DIRECTIONS = 64
+
+_RANDOM = 43
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """A result against its sample.
+
+    Attributes
+    ----------
+    histogram : (n,) array
+        Earth mover's distance of each map's values, in standard deviations of the sample; 0 for equal histograms.
+    joint : float
+        The same of all maps together: mean over directions through their space, each scaled to unit deviation.
+    correlation : float
+        Largest difference between the correlations of two maps.
+    spectrum : float
+        Root mean square difference of the power spectra in decibels, over bands of an octave.
+    coherence : float
+        How far windows of the result are from the nearest of the sample, in units of the distance of any two of the sample's
+        windows; 0: all are copies.
+    completeness : float
+        How far windows of the sample are from the nearest of the result, likewise; 0: nothing was left out.
+    """
+
+    histogram: Array
+    joint: float
+    correlation: float
+    spectrum: float
+    coherence: float
+    completeness: float
+
+
+@dataclass(frozen=True)
+class SynthesisReport:
+    """Figures of a synthesised texture.
+
+    Attributes
+    ----------
+    likeness : Likeness
+        Of all maps.
+    seam : float
+        Mean jump between neighbouring pixels from different places of the sample, over the mean jump between others; maps at
+        equal range. 1: seams are like the texture itself. NaN where there is no seam.
+    wrap : float
+        The same for neighbours over the edge, if the result is tileable; else NaN.
+    seam_share : float
+        Share of neighbouring pixels that come from different places.
+    copy_side : float
+        Side of the square as large as the piece that a pixel lies in, on average, in pixels; pieces are copied verbatim.
+    largest_copy : float
+        The largest piece's share of the result.
+    used : float
+        Share of the sample that appears in the result.
+    repetition : float
+        How often the most repeated tenth of the sample appears, over how often it would if all appeared equally often.
+    relit : dict of str to Likeness
+        Under each light: the relit result against the relit sample.
+    """
+
+    likeness: Likeness
+    seam: float
+    wrap: float
+    seam_share: float
+    copy_side: float
+    largest_copy: float
+    used: float
+    repetition: float
+    relit: dict[str, Likeness]
+
+    def lines(self) -> list[str]:
+        """Return the figures as text."""
+        seam = "no seam" if np.isnan(self.seam) else f"seam {self.seam:.2f} (1: none to be seen)"
+        lines = [
+            f"{seam}, {100 * self.seam_share:.1f} % of neighbours come from different places",
+            *([] if np.isnan(self.wrap) else [f"over the wrap {self.wrap:.2f} times the jumps inside"]),
+            f"copied pieces: {self.copy_side:.0f} pixels a side, the largest {100 * self.largest_copy:.1f} % of the result",
+            f"{100 * self.used:.0f} % of the sample used; its most repeated tenth {self.repetition:.1f} times as often as evenly",
+            _likeness_line("sample against result", self.likeness),
+        ]
+        return lines + [_likeness_line(name, likeness) for name, likeness in self.relit.items()]
+
+
+def _likeness_line(name: str, found: Likeness) -> str:
+    return (
+        f"{name}: histograms {found.histogram.max():.3f}, joint {found.joint:.3f}, correlation {found.correlation:.3f}, "
+        f"spectrum {found.spectrum:.1f} dB, coherence {found.coherence:.3f}, completeness {found.completeness:.3f}"
+    )
+
+
+def assess_synthesis(
+    sample: Any, result: Synthesis, *, mask: Array | None = None, lights: dict[str, Array] | None = None
+) -> SynthesisReport:
+    """Measure a synthesised texture against its sample.
+
+    Parameters
+    ----------
+    sample : like the maps that were synthesised
+    result : Synthesis
+    mask : (H, W) bool array, optional
+        Pixels of the sample that could be used.
+    lights : dict of str to (3,) array, optional
+        Lights under which sample and result are relit and compared, by name.
+
+    Raises
+    ------
+    InputError
+        If the result was not made of such a sample, or lights are given and it can't be relit.
+    """
+    prepared = prepare(sample, mask=mask)
+    source = result.source
+    if source.min() < 0 or (source.reshape(-1, 2).max(axis=0) >= prepared.usable.shape).any():
+        raise InputError(f"the result copies pixels that a sample of {prepared.usable.shape} does not have")
+    features = np.moveaxis(prepared.features, 0, 2)
+    laid = features[source[..., 0], source[..., 1]]
+    seam, wrap, share = _seams(laid, source, result.tileable)
+    label = _pieces(source)
+    size = np.bincount(label.ravel())
+    times = np.bincount(
+        source[..., 0].ravel() * prepared.usable.shape[1] + source[..., 1].ravel(), minlength=prepared.usable.size
+    )
+    usable_times = np.sort(times[prepared.usable.ravel()])[::-1]
+    tenth = max(1, len(usable_times) // 10)
+    relit = {}
+    if lights:
+        if result.texture is None or not isinstance(sample, Relightable):
+            raise InputError("lights: sample and result must be relightable textures")
+        for name, light in lights.items():
+            images = [t.relight(light) for t in (sample, result.texture)]
+            relit[f"under {name}"] = _likeness(images[0], prepared.usable, images[1])
+    return SynthesisReport(
+        likeness=_likeness(features, prepared.usable, laid),
+        seam=seam,
+        wrap=wrap,
+        seam_share=share,
+        copy_side=float(np.sqrt(np.mean(size[label]))),
+        largest_copy=float(size.max() / source[..., 0].size),
+        used=float((usable_times > 0).mean()),
+        repetition=float(usable_times[:tenth].mean() / usable_times.mean()),
+        relit=relit,
+    )
+
+
+def _breaks(source: Array, axis: int) -> Array:
+    """Return whether a pixel and the next along ``axis``, the last one's being the first, are neighbours in the sample."""
+    step = np.roll(source, -1, axis) - source
+    straight = np.array([1, 0]) if axis == 0 else np.array([0, 1])
+    found: Array = (step != straight).any(axis=2)
+    return found
+
+
+def _seams(values: Array, source: Array, tileable: bool) -> tuple[float, float, float]:
+    """Return jumps across seams over jumps inside, the same for the wrap, and the share of seams."""
+    seam, inside, wrap = [], [], []
+    for axis in (0, 1):
+        jump = np.abs(np.roll(values, -1, axis) - values).sum(axis=2)
+        broken = _breaks(source, axis)
+        last = np.zeros(broken.shape, bool)
+        last[(slice(-1, None), slice(None)) if axis == 0 else (slice(None), slice(-1, None))] = True
+        seam.append(jump[broken & ~last])
+        inside.append(jump[~broken & ~last])
+        wrap.append(jump[last])
+    across, within, over = (np.concatenate(part) for part in (seam, inside, wrap))
+    typical = float(within.mean()) if len(within) else float("nan")
+    everywhere = float(np.concatenate([across, within]).mean()) if len(across) + len(within) else float("nan")
+
+    def ratio(part: Array, base: float) -> float:
+        if len(part) == 0 or np.isnan(base):
+            return float("nan")
+        mean = float(part.mean())
+        return mean / base if base > 0 else (1.0 if mean == 0 else float("inf"))
+
+    share = len(across) / max(1, len(across) + len(within))
+    return ratio(across, typical), ratio(over, everywhere) if tileable else float("nan"), share
+
+
+def _pieces(source: Array) -> Array:
+    """Return (H, W) int: connected pieces of the result that are copied from one piece of the sample."""
+    height, width = source.shape[:2]
+    down, right = ~_breaks(source, 0)[:-1], ~_breaks(source, 1)[:, :-1]
+    # Pixels lie on even rows and columns of a grid, the links between them on odd ones.
+    grid = np.zeros((2 * height - 1, 2 * width - 1), bool)
+    grid[::2, ::2] = True
+    grid[1::2, ::2] = down
+    grid[::2, 1::2] = right
+    label, _ = ndimage.label(grid)
+    found: Array = label[::2, ::2] - 1
+    return found
+
+
+def _likeness(sample: Array, usable: Array, result: Array) -> Likeness:
+    """Compare images (H, W, n)."""
+    given, made = sample[usable].astype(np.float64), result.reshape(-1, result.shape[2]).astype(np.float64)
+    spread = given.std(axis=0)
+    kept = spread > 0
+    histogram = np.array([earth_movers_distance(made[:, c], given[:, c]) for c in range(given.shape[1])])
+    joint = correlation = 0.0
+    if kept.any():
+        a = (given[:, kept] - given[:, kept].mean(axis=0)) / spread[kept]
+        b = (made[:, kept] - given[:, kept].mean(axis=0)) / spread[kept]
+        angles = uniform(0, _RANDOM, np.arange(_DIRECTIONS)[:, None], np.arange(a.shape[1])[None, :]) - 0.5
+        angles /= np.linalg.norm(angles, axis=1, keepdims=True)
+        joint = float(np.mean([earth_movers_distance(b @ d, a @ d) for d in angles]))
+        if a.shape[1] > 1 and (made[:, kept].std(axis=0) > 0).all():
+            correlation = float(np.abs(np.corrcoef(a.T) - np.corrcoef(b.T)).max())
+    coherence, completeness = _windows_apart(sample, usable, result)
+    return Likeness(histogram, joint, correlation, _spectra_apart(sample, usable, result), coherence, completeness)
+
+
+def _windows_apart(sample: Array, usable: Array, result: Array) -> tuple[float, float]:
+    """Return mean distances of the result's windows to the nearest of the sample's, and the other way round."""
+    side = min(_WINDOW, *usable.shape, *result.shape[:2])
+    own = _windows(sample, usable, side, _AMONG)
+    made = _windows(result, np.ones(result.shape[:2], bool), side, _AMONG)
+    if len(own) == 0:
+        return float("nan"), float("nan")
+    half = len(own) // 2
+    typical = float(np.sqrt(np.mean((own[:half] - own[half : 2 * half]) ** 2))) if half else 0.0
+    if typical == 0:
+        return 0.0, 0.0
+
+    def apart(queries: Array, among: Array) -> float:
+        part = queries[np.linspace(0, len(queries) - 1, min(len(queries), _QUERIES)).astype(int)]
+        return float(NearestWindows(among).find(part)[1].mean()) / typical
+
+    return apart(made, own), apart(own, made)
+
+
+def _windows(image: Array, usable: Array, side: int, most: int) -> Array:
+    """Return windows (M, side² n) of usable pixels, at most so many, evenly spread."""
+    whole = np.lib.stride_tricks.sliding_window_view(usable, (side, side)).all(axis=(2, 3))
+    corner = np.argwhere(whole)
+    corner = corner[np.linspace(0, len(corner) - 1, min(len(corner), most)).astype(int)] if len(corner) else corner
+    at = np.arange(side)
+    y, x = corner[:, 0, None, None] + at[None, :, None], corner[:, 1, None, None] + at[None, None, :]
+    return np.ascontiguousarray(image[y, x].reshape(len(corner), -1), np.float32)
+
+
+def _spectra_apart(sample: Array, usable: Array, result: Array) -> float:
+    """Return the rms difference in decibels of power per octave, over all maps; only wavelengths that both can hold."""
+    longest = min(*usable.shape, *result.shape[:2]) / 2
+    bounds = 2.0 ** np.arange(1, 16)
+    bounds = bounds[bounds <= max(longest, 4)]
+    made = _band_power(result, np.ones(result.shape[:2], bool), bounds)
+    given = _band_power(sample, usable, bounds)
+    both = (made > 0) & (given > 0)
+    if not both.any():
+        return 0.0
+    return float(np.sqrt(np.mean((10 * np.log10(made[both] / given[both])) ** 2)))
+
+
+def _band_power(image: Array, usable: Array, bounds: Array) -> Array:
+    """Return power per pixel (n, bands) between wavelengths ``bounds``, under a Hann window."""
+    height, width = usable.shape
+    window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1] * usable
+    frequency = np.hypot(fft.fftfreq(height)[:, None], fft.rfftfreq(width)[None, :])
+    frequency[0, 0] = 1e-9
+    band = np.digitize(1 / frequency, bounds)
+    rows = []
+    for c in range(image.shape[2]):
+        plane = np.where(usable, image[:, :, c], 0).astype(np.float64)
+        plane = (plane - plane[usable].mean()) * window
+        power = np.abs(fft.rfft2(plane)) ** 2 / (window**2).sum()
+        # Mean per mode: images of different size have different numbers of modes in a band.
+        sums = np.bincount(band.ravel(), power.ravel(), len(bounds) + 1)
+        modes = np.maximum(np.bincount(band.ravel(), minlength=len(bounds) + 1), 1)
+        rows.append((sums / modes)[1 : len(bounds)])
+    return np.array(rows)
