@@ -15,6 +15,7 @@ import numpy as np
 import intaglio
 from intaglio.cli_options import Extent, Numbers, common, image_size, known_suffix, render_on, unless_given
 from intaglio.cli_photometric import assess, relight, represent
+from intaglio.cli_synthesis import rank, synthesize
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError, IntaglioWarning
 from intaglio.facts import image_facts, is_texture, mesh_facts, stack_facts, system_facts, texture_facts
@@ -31,10 +32,10 @@ Array = np.ndarray
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(intaglio.__version__, prog_name="intaglio")
 def cli() -> None:
-    """Complete, represent and relight the fine surface texture of real objects, render it, and measure it."""
+    """Complete, synthesise and relight the fine surface texture of real objects, render it, and measure it."""
 
 
-for _command in (represent, relight, assess):
+for _command in (represent, relight, assess, synthesize, rank):
     cli.add_command(_command)
 
 

@@ -32,7 +32,7 @@ from intaglio.photometric.writing import TEXTURE_SUFFIXES
 from intaglio.progress import ProgressBar
 
 
-def _stack_options(command: Any) -> Any:
+def stack_options(command: Any) -> Any:
     """Add the options of reading a stack."""
     options = [
         click.option("--response", default=None, help="linear, srgb or a gamma; default: 8 bits sRGB, others linear."),
@@ -46,7 +46,7 @@ def _stack_options(command: Any) -> Any:
     return command
 
 
-def _read(
+def read_capture(
     capture: Path,
     response: str | None,
     mask: Path | None,
@@ -54,6 +54,7 @@ def _read(
     circle: tuple[float, float, float] | None,
     grey: bool,
 ) -> PhotometricStack:
+    """Read a stack by the options of `stack_options`."""
     try:
         curve: str | float | None = response if response in (None, "linear", "srgb") else float(str(response))
     except ValueError:
@@ -61,7 +62,7 @@ def _read(
     return read_stack(capture, curve, mask=mask, sphere=sphere, circle=circle, grey=grey)
 
 
-def _spare(inputs: list[Path], output: Path, maps: Path | None) -> None:
+def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
     """Raise `InputError` if one of the files that go beside ``output``, or into ``maps``, has the name of an input."""
     for given in inputs:
         into_maps = maps is not None and maps.exists() and given.name in MAP_NAMES and given.parent.samefile(maps)
@@ -86,7 +87,7 @@ def _spare(inputs: list[Path], output: Path, maps: Path | None) -> None:
 )
 @click.option("--maps", type=click.Path(path_type=Path), default=None, help="Folder for normal, albedo and height images.")
 @click.option("--tiles", is_flag=True, help="info.json: Deep Zoom tiles instead of whole planes.")
-@_stack_options
+@stack_options
 @common
 def represent(
     capture: Path,
@@ -109,10 +110,10 @@ def represent(
     if maps is not None:
         check_folder(maps)
     start = time.perf_counter()
-    stack = _read(capture, response, mask, sphere, circle, grey)
+    stack = read_capture(capture, response, mask, sphere, circle, grey)
     inputs = [capture, *map(Path, stack.names), *([mask] if mask is not None else [])]
     check_writable(output, inputs=tuple(inputs))
-    _spare(inputs, output, maps)
+    spare_inputs(inputs, output, maps)
     with ProgressBar("fitting") as bar:
         texture = represent_stack(stack, progress=bar.update, **settings)
     for note in stack.notes + texture.notes:
@@ -221,7 +222,7 @@ def relight(
     "--leave-one-out/--no-leave-one-out", default=True, show_default=True, help="Also predict each image from the others."
 )
 @click.option("--robust", is_flag=True, help="Fit gradient and height robustly.")
-@_stack_options
+@stack_options
 @common
 def assess(
     capture: Path,
@@ -250,7 +251,7 @@ def assess(
     if output is not None:
         known_suffix(output, (".html", ".htm"), "report")
         check_writable(output, inputs=(capture,))
-    stack = _read(capture, response, mask, sphere, circle, grey)
+    stack = read_capture(capture, response, mask, sphere, circle, grey)
     with ProgressBar("fitting kinds") as bar:
         reasons: list[str] = []
         found = assess_kinds(

@@ -18,10 +18,13 @@ from intaglio.synthesis.sample import prepare
 
 Array = np.ndarray
 
-# Windows whose nearest are sought, and most they are sought among.
+# Windows whose nearest are sought, and most values of those they are sought among.
 _QUERIES = 2000
-_AMONG = 40_000
+_AMONG = 50_000_000
 _WINDOW = 8
+
+# Pixels whose values are compared, evenly spread.
+_VALUES = 100_000
 
 # Directions along which joint distributions are compared.
 _DIRECTIONS = 64
@@ -154,9 +157,9 @@ def assess_synthesis(
             raise InputError("lights: sample and result must be relightable textures")
         for name, light in lights.items():
             images = [t.relight(light) for t in (sample, result.texture)]
-            relit[f"under {name}"] = _likeness(images[0], prepared.usable, images[1])
+            relit[f"under {name}"] = _likeness(images[0], prepared.usable, images[1], source)
     return SynthesisReport(
-        likeness=_likeness(features, prepared.usable, laid),
+        likeness=_likeness(features, prepared.usable, laid, source),
         seam=seam,
         wrap=wrap,
         seam_share=share,
@@ -215,9 +218,10 @@ def _pieces(source: Array) -> Array:
     return found
 
 
-def _likeness(sample: Array, usable: Array, result: Array) -> Likeness:
+def _likeness(sample: Array, usable: Array, result: Array, source: Array) -> Likeness:
     """Compare images (H, W, n)."""
-    given, made = sample[usable].astype(np.float64), result.reshape(-1, result.shape[2]).astype(np.float64)
+    given = _spread(sample[usable], _VALUES).astype(np.float64)
+    made = _spread(result.reshape(-1, result.shape[2]), _VALUES).astype(np.float64)
     spread = given.std(axis=0)
     kept = spread > 0
     histogram = np.array([earth_movers_distance(made[:, c], given[:, c]) for c in range(given.shape[1])])
@@ -230,34 +234,60 @@ def _likeness(sample: Array, usable: Array, result: Array) -> Likeness:
         joint = float(np.mean([earth_movers_distance(b @ d, a @ d) for d in angles]))
         if a.shape[1] > 1 and (made[:, kept].std(axis=0) > 0).all():
             correlation = float(np.abs(np.corrcoef(a.T) - np.corrcoef(b.T)).max())
-    coherence, completeness = _windows_apart(sample, usable, result)
+    coherence, completeness = _windows_apart(sample, usable, result, source)
     return Likeness(histogram, joint, correlation, _spectra_apart(sample, usable, result), coherence, completeness)
 
 
-def _windows_apart(sample: Array, usable: Array, result: Array) -> tuple[float, float]:
-    """Return mean distances of the result's windows to the nearest of the sample's, and the other way round."""
+def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -> tuple[float, float]:
+    """Return mean distances of the result's windows to the nearest of the sample's, and the other way round.
+
+    Of many windows an evenly spread part is searched; the place that a window's first pixel was copied from, or to, is always
+    among them, so that what is copied is found.
+    """
     side = min(_WINDOW, *usable.shape, *result.shape[:2])
-    own = _windows(sample, usable, side, _AMONG)
-    made = _windows(result, np.ones(result.shape[:2], bool), side, _AMONG)
-    if len(own) == 0:
+    everywhere = np.ones(result.shape[:2], bool)
+    own_starts, made_starts = (_window_starts(mask, side) for mask in (usable, everywhere))
+    if not own_starts.any():
         return float("nan"), float("nan")
+    most = max(_QUERIES, _AMONG // (side * side * sample.shape[2]))
+    own = _windows(sample, _spread(np.argwhere(own_starts), most), side)
+    made = _windows(result, _spread(np.argwhere(made_starts), most), side)
     half = len(own) // 2
     typical = float(np.sqrt(np.mean((own[:half] - own[half : 2 * half]) ** 2))) if half else 0.0
     if typical == 0:
         return 0.0, 0.0
+    copied_to = np.full((*usable.shape, 2), -1)
+    copied_to[source[..., 0], source[..., 1]] = np.stack(np.meshgrid(*map(np.arange, everywhere.shape), indexing="ij"), axis=2)
 
-    def apart(queries: Array, among: Array) -> float:
-        part = queries[np.linspace(0, len(queries) - 1, min(len(queries), _QUERIES)).astype(int)]
-        return float(NearestWindows(among).find(part)[1].mean()) / typical
+    def apart(image: Array, starts: Array, among: Array, other: Array, other_starts: Array, place: Array) -> float:
+        corner = _spread(np.argwhere(starts), _QUERIES)
+        query = _windows(image, corner, side)
+        distance = NearestWindows(among).find(query)[1]
+        there = place[corner[:, 0], corner[:, 1]]
+        inside = ((there >= 0) & (there < other_starts.shape)).all(axis=1)
+        inside[inside] = other_starts[tuple(there[inside].T)]
+        away = np.sqrt(np.mean((_windows(other, there[inside], side) - query[inside]) ** 2, axis=1))
+        distance[inside] = np.minimum(distance[inside], away)
+        return float(distance.mean()) / typical
 
-    return apart(made, own), apart(own, made)
+    return (
+        apart(result, made_starts, own, sample, own_starts, source),
+        apart(sample, own_starts, made, result, made_starts, copied_to),
+    )
 
 
-def _windows(image: Array, usable: Array, side: int, most: int) -> Array:
-    """Return windows (M, side² n) of usable pixels, at most so many, evenly spread."""
-    whole = np.lib.stride_tricks.sliding_window_view(usable, (side, side)).all(axis=(2, 3))
-    corner = np.argwhere(whole)
-    corner = corner[np.linspace(0, len(corner) - 1, min(len(corner), most)).astype(int)] if len(corner) else corner
+def _window_starts(usable: Array, side: int) -> Array:
+    """Return where windows of usable pixels alone begin."""
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(usable, (side, side)).all(axis=(2, 3)))
+
+
+def _spread(rows: Array, most: int) -> Array:
+    """Return at most so many rows, evenly spread."""
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]
+
+
+def _windows(image: Array, corner: Array, side: int) -> Array:
+    """Return windows (M, side² n) that begin at ``corner`` (M, 2)."""
     at = np.arange(side)
     y, x = corner[:, 0, None, None] + at[None, :, None], corner[:, 1, None, None] + at[None, None, :]
     return np.ascontiguousarray(image[y, x].reshape(len(corner), -1), np.float32)

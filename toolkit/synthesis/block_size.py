@@ -77,8 +77,8 @@ def element_size(features: Array, usable: Array) -> tuple[float, str]:
 def automatic_block(features: Array, usable: Array) -> tuple[int, str]:
     """Return the side of a block that holds one element of the texture and a margin, and how it was found.
 
-    At least 8 pixels and at most half the sample's shorter side, so that there are blocks to choose from.
+    At least 8 pixels and at most a third of the sample's shorter side, so that there are blocks to choose from.
     """
     size, found = element_size(features, usable)
-    largest = max(1, min(usable.shape) // 2)
+    largest = max(2, min(usable.shape) // 3)
     return int(np.clip(round(1.25 * size), min(SMALLEST, largest), largest)), found

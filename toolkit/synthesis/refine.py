@@ -39,12 +39,15 @@ class _Windows:
     ----------
     side : int
         In pixels, a multiple of `_SIDE`.
+    whole : (H, W) bool array
+        Where a window may begin in the sample.
     corner : (M, 2) array
-        First pixels of the sample's windows.
+        First pixels of the windows that are searched.
     nearest : NearestWindows
     """
 
     side: int
+    whole: Array
     corner: Array
     nearest: NearestWindows
 
@@ -109,7 +112,7 @@ def _sample_windows(sample: SampleMaps, side: int) -> _Windows | None:
         return None
     if len(corner) > _MOST_WINDOWS:
         corner = corner[np.linspace(0, len(corner) - 1, _MOST_WINDOWS).astype(int)]
-    return _Windows(side, corner, NearestWindows(_descriptors(sample.features, corner, side)))
+    return _Windows(side, whole, corner, NearestWindows(_descriptors(sample.features, corner, side)))
 
 
 def _descriptors(planes: Array, corner: Array, side: int) -> Array:
@@ -130,8 +133,7 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     if len(corner) == 0:
         return source, values
     around = np.pad(values, ((0, 0), (0, side), (0, side)), mode="wrap") if tileable else values
-    found, distance = windows.nearest.find(_descriptors(around, corner, side))
-    match = windows.corner[found]
+    match, distance = _matches(features, windows, source, corner, _descriptors(around, corner, side))
     weight = (distance + _LEAST) ** -1.2
 
     # Windows whose corners fall on one of 16 cells of the grid don't overlap: a layer of proposals for the whole canvas.
@@ -157,11 +159,42 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
             corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest
         )
         away = ((_read(features, proposal) - voted) ** 2).sum(axis=0)
-        away = ndimage.uniform_filter(away, 3, mode="wrap" if tileable else "nearest")
+        # Over a quarter of a window: pixels nearest to the vote one by one would be a mosaic without contrast.
+        away = ndimage.uniform_filter(away, side // 4 + 1, mode="wrap" if tileable else "nearest")
         nearer = away < best
         best[nearer] = away[nearer]
         chosen[nearer] = proposal[nearer]
     return chosen, _read(features, chosen)
+
+
+def _matches(features: Array, windows: _Windows, source: Array, corner: Array, query: Array) -> tuple[Array, Array]:
+    """Return the sample's window nearest to each query (M, 2), and its distance (M,).
+
+    Besides the nearest of those that are searched, the windows that continue what was copied to the middle of a window or to
+    the middles of its quarters are candidates.
+    """
+    side = windows.side
+    match = windows.corner[windows.nearest.find(query)[0]]
+    distance = _distance(features, match, side, query)
+    rows, columns = source.shape[:2]
+    for down, right in ((2, 2), (1, 1), (1, 3), (3, 1), (3, 3)):
+        step = np.array([down * side // 4, right * side // 4])
+        at = (corner + step) % (rows, columns)
+        continued = source[at[:, 0], at[:, 1]] - step
+        inside = ((continued >= 0) & (continued < windows.whole.shape)).all(axis=1)
+        inside[inside] = windows.whole[tuple(continued[inside].T)]
+        there = np.flatnonzero(inside)
+        away = _distance(features, continued[there], side, query[there])
+        nearer = away < distance[there]
+        distance[there[nearer]] = away[nearer]
+        match[there[nearer]] = continued[there[nearer]]
+    return match, distance
+
+
+def _distance(features: Array, corner: Array, side: int, query: Array) -> Array:
+    """Return the root mean square difference between the sample's windows at ``corner`` and the queries."""
+    found: Array = np.sqrt(np.mean((_descriptors(features, corner, side) - query) ** 2, axis=1))
+    return found
 
 
 def _broken_windows(source: Array, side: int, step: int, tileable: bool) -> Array:

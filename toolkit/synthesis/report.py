@@ -1,0 +1,116 @@
+"""Pages and files about a synthesised texture: pictures, figures, provenance."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intaglio.html_page import listing, picture_row, write_page
+from intaglio.images import write_exr
+from intaglio.photometric import Relightable, light_direction
+from intaglio.render.compare import decode_srgb
+from intaglio.synthesis.assess import SynthesisReport
+from intaglio.synthesis.result import Synthesis
+
+Array = np.ndarray
+
+# The lights under which the thesis compares synthesised textures: tilt 60 and 120 degrees, slant 60.
+THESIS_LIGHTS: dict[str, Array] = {
+    "tilt 60°, slant 60°": light_direction(60.0, 60.0),
+    "tilt 120°, slant 60°": light_direction(120.0, 60.0),
+}
+
+
+def source_picture(source: Array, shape: tuple[int, int]) -> Array:
+    """Return provenance as colours (H, W, 3): red runs with the sample's rows, green with its columns."""
+    place = source / np.maximum(np.array(shape) - 1, 1)
+    return decode_srgb(np.stack([place[..., 0], place[..., 1], np.full(source.shape[:2], 0.4)], axis=2))
+
+
+def shown(maps: Array) -> Array:
+    """Return maps (H, W, n) as pictures (H, W, 1 or 3): the first one, or three, of them."""
+    return maps[..., :3] if maps.shape[2] >= 3 else maps[..., :1]
+
+
+def pictures_of(sample: Any, result: Synthesis, lights: Mapping[str, Array] = THESIS_LIGHTS) -> dict[str, dict[str, Array]]:
+    """Return rows of pictures of sample and result: as they are, or under each light where they can be relit."""
+    if isinstance(sample, Relightable) and result.texture is not None:
+        rows = {}
+        for name, light in lights.items():
+            pair = {"sample": sample.relight(light), "result": result.texture.relight(light)}
+            top = float(np.quantile(pair["sample"], 0.995)) or 1.0
+            rows[name] = {key: image / top for key, image in pair.items()}
+        return rows
+    values = np.asarray(sample, np.float32)
+    values = values[:, :, None] if values.ndim == 2 else values
+    low, high = float(np.nanmin(shown(values))), float(np.nanmax(shown(values)))
+    # Photographs as they are, other maps by their range.
+    low, high = (0.0, 1.0) if low >= 0 and high <= 1 else (low, max(high, low + 1e-30))
+    pair = {"sample": shown(values), "result": shown(result.maps)}
+    return {"Sample and result": {key: (image - low) / (high - low) for key, image in pair.items()}}
+
+
+def write_synthesis_report(
+    path: str | os.PathLike[str],
+    sample: Any,
+    result: Synthesis,
+    report: SynthesisReport,
+    *,
+    title: str,
+    pictures: Mapping[str, Mapping[str, Array]] | None = None,
+    extra: Sequence[str] = (),
+) -> None:
+    """Write a page of sample and result, what was copied from where, and the figures.
+
+    Parameters
+    ----------
+    path : path
+        .html
+    sample : array or Relightable
+    result : Synthesis
+    report : SynthesisReport
+        From `assess_synthesis`.
+    title : str
+    pictures : dict of rows, optional
+        Shown in place of `pictures_of` them.
+    extra : sequence of str
+        Further lines.
+    """
+    rows = pictures if pictures is not None else pictures_of(sample, result)
+    body = [_sized_row(heading, row) for heading, row in rows.items()]
+    if result.tileable:
+        last = list(next(iter(rows.values())).values())[-1]
+        body.append(picture_row("Tiled two by two", {"no line should be seen": np.tile(last, (2, 2, 1))}))
+    shape = sample.maps.shape[1:3] if isinstance(sample, Relightable) else np.asarray(sample).shape[:2]
+    places = np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=2)
+    body.append(
+        _sized_row(
+            "Where each pixel was copied from",
+            {"places of the sample": source_picture(places, shape), "result": source_picture(result.source, shape)},
+        )
+    )
+    body.append(listing("Figures", report.lines()))
+    body.append(listing("How", (*result.notes, *extra)))
+    write_page(Path(path), title, body)
+
+
+def _sized_row(heading: str, pictures: Mapping[str, Array]) -> str:
+    """Return a row whose pictures keep their sizes to each other."""
+    row = picture_row(heading, pictures)
+    for name, image in pictures.items():
+        old = f'alt="{html.escape(heading)}, {html.escape(name)}"'
+        row = row.replace(old, f'{old} style="width:{image.shape[1]}px;max-width:100%"')
+    return row.replace("<div class=row>", '<div class=row style="align-items:flex-start">').replace(
+        "<figure>", '<figure style="flex:0 1 auto">'
+    )
+
+
+def write_source(result: Synthesis, path: str | os.PathLike[str]) -> None:
+    """Write provenance as an EXR: channels ``source.row`` and ``source.column``, whole numbers, row 0 at the top."""
+    rows, columns = (result.source[..., i].astype(np.float32) for i in range(2))
+    write_exr({"source.row": rows, "source.column": columns}, path)
