@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import warp as wp
 wp.config.log_level = wp.LOG_WARNING
 wp.init()
 
+from intaglio import cli  # noqa: E402
 from intaglio.scenes.common import data_folder  # noqa: E402
 from intaglio.scenes.patterns import on_cylinder, on_plane, plane_wave, wave  # noqa: E402
 from intaglio.surface import Surface  # noqa: E402
@@ -72,6 +74,28 @@ def grid_surface(points: np.ndarray, keep: np.ndarray) -> Surface:
     used[faces] = True
     renumber = np.cumsum(used) - 1
     return Surface(vertices=points[keep][used], faces=renumber[faces])
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Return a function that runs the command and returns status, output and errors."""
+
+    def call(*words, cwd=None):
+        if cwd is not None:
+            monkeypatch.chdir(cwd)
+        monkeypatch.setattr("sys.argv", ["intaglio", *map(str, words)])
+        capsys.readouterr()
+        status = 0
+        with warnings.catch_warnings():
+            warnings.simplefilter("default")
+            try:
+                cli.main()
+            except SystemExit as stop:
+                status = stop.code
+        said, errors = capsys.readouterr()
+        return status, said, errors
+
+    return call
 
 
 @pytest.fixture(autouse=True)

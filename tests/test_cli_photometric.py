@@ -3,36 +3,13 @@
 from __future__ import annotations
 
 import json
-import warnings
 
 import numpy as np
 import pytest
 from PIL import Image
 from stacks import dome, noisy, scattered, write_capture
 
-from intaglio import cli, light_direction, read_image, read_relightable, read_stack, represent
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Return a function that runs the command and returns status, output and errors."""
-
-    def call(*words, cwd=None):
-        if cwd is not None:
-            monkeypatch.chdir(cwd)
-        monkeypatch.setattr("sys.argv", ["intaglio", *map(str, words)])
-        capsys.readouterr()
-        status = 0
-        with warnings.catch_warnings():
-            warnings.simplefilter("default")
-            try:
-                cli.main()
-            except SystemExit as stop:
-                status = stop.code
-        said, errors = capsys.readouterr()
-        return status, said, errors
-
-    return call
+from intaglio import light_direction, read_image, read_relightable, read_stack, represent
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,8 @@ function show() {
   const shown = shuffled(trial.results, randomFrom(observer + '/' + trial.texture));
   const choices = [...Array(k).keys()].map(i => `<option>${i + 1}</option>`).join('');
   page.innerHTML = `<p>${at + 1} of ${order.length}. Which result looks most like more of the sample? 1 is best.
-    Equal ones may have equal ranks.</p><figure><img src="${trial.sample}"><figcaption>sample</figcaption></figure><div class=row>`
+    Equal ones may have equal ranks.</p>
+    <figure><img src="${trial.sample}"><figcaption>sample</figcaption></figure><div class=row>`
     + shown.map((r, i) => `<figure><img src="${r.image}"><figcaption>Result ${i + 1}: rank
     <select data-m="${r.method}"><option></option>${choices}</select></figcaption></figure>`).join('')
     + '</div><p><button id=next>Next</button> <span id=say></span></p>';

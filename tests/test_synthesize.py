@@ -1,0 +1,125 @@
+"""From photographs or textures to larger ones that can be relit, and the other orders."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stacks import HELD_OUT, lambertian, scattered
+
+from intaglio import (
+    InputError,
+    PhotometricStack,
+    assess_synthesis,
+    light_direction,
+    represent,
+    synthesize,
+    synthesize_each_light,
+)
+
+KINDS = ("3i", "gradient", "ptm", "eigen3", "eigen6", "hsh", "rbf")
+
+
+@pytest.fixture(scope="module")
+def stack():
+    return lambertian(scattered(24), height=40, width=44)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("color", ["channels", "luminance"])
+def test_relighting_and_copying_commute(stack, kind, color):
+    colours = PhotometricStack(stack.images * np.array([1.0, 0.7, 0.4], np.float32), stack.lights)
+    sample = represent(colours, kind, color=color)
+    result = synthesize(colours, (50, 61), kind=kind, color=color, block=14, seed=3)
+    assert result.texture.kind == kind
+    assert result.texture.shape == (50, 61, 3)
+    for light in HELD_OUT[:3]:
+        np.testing.assert_array_equal(result.texture.relight(light), result.copy_of(sample.relight(light)))
+
+
+def test_a_texture_and_its_photographs_give_the_same(stack):
+    a = synthesize(stack, 40, kind="ptm", block=12, seed=1)
+    b = synthesize(represent(stack, "ptm"), 40, block=12, seed=1)
+    np.testing.assert_array_equal(a.texture.maps, b.texture.maps)
+
+
+def test_masked_pixels_of_a_texture_are_never_copied(stack):
+    mask = np.ones((40, 44), bool)
+    mask[10:15, 20:30] = False
+    sample = represent(PhotometricStack(stack.images, stack.lights, mask), "gradient")
+    for method in ("quilt", "grow"):
+        result = synthesize(sample, 40, method=method, **({"block": 8} if method == "quilt" else {}))
+        assert mask[result.source[..., 0], result.source[..., 1]].all()
+        assert result.texture.mask is None
+
+
+def test_a_height_map_is_synthesised_and_lit_by_its_own_slopes(stack):
+    sample = represent(stack, "height")
+    result = synthesize(stack, 64, kind="height", block=16, tileable=True, seed=1)
+    assert result.texture.kind == "height"
+    np.testing.assert_array_equal(result.texture.height, result.maps[..., 0])
+    z = result.texture.height
+    p, q = np.roll(z, -1, 1) - z, np.roll(z, 1, 0) - z
+    normal = result.texture.maps[..., 0] / np.linalg.norm(result.texture.maps[..., 0], axis=0)
+    slope = -normal[:2] / normal[2]
+    # What is left is the sample's mean slope.
+    left = slope - np.stack([p, q])
+    np.testing.assert_allclose(left, left.mean(axis=(1, 2), keepdims=True) * np.ones_like(left), atol=1e-4)
+    whole = synthesize(sample, (40, 44), block=40, overlap=4, refine=0)
+    light = light_direction(45, 45)
+    # The first block, but for where the next cuts in.
+    inside = np.s_[2:-2, 2:34]
+    y, x = whole.source[0, 0]
+    expected = sample.relight(light)[y : y + 40, x : x + 40]
+    np.testing.assert_allclose(whole.texture.relight(light)[:40, :40][inside], expected[inside], atol=0.05)
+
+
+def test_the_other_order_gives_an_image_for_each_light(stack):
+    lights = HELD_OUT[:2]
+    results = synthesize_each_light(stack, 40, lights, kind="gradient", block=12, seed=1)
+    images = represent(stack, "gradient").relight(lights)
+    assert len(results) == 2
+    for result, image in zip(results, images, strict=True):
+        np.testing.assert_array_equal(result.maps, image[result.source[..., 0], result.source[..., 1]])
+
+
+def test_plain_maps_and_both_methods():
+    maps = [np.random.default_rng(0).random((30, 30)), np.random.default_rng(1).random((30, 30, 2))]
+    for method in ("quilt", "grow"):
+        result = synthesize(maps, 40, method=method, seed=1)
+        assert result.maps.shape == (40, 40, 3)
+        np.testing.assert_array_equal(result.maps[..., 1:], result.copy_of(maps[1]))
+        assert result.texture is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "paint"}, "method must be one of"),
+        ({"window": 5}, "quilt has no option 'window'"),
+        ({"method": "grow", "block": 5}, "grow has no option 'block'"),
+        ({"method": "grow", "missing": np.zeros((30, 30), bool)}, "no option 'missing'"),
+    ],
+)
+def test_bad_options_are_named(options, message):
+    with pytest.raises(InputError, match=message):
+        synthesize(np.zeros((30, 30)), 40, **options)
+
+
+def test_bad_input_of_the_other_order(stack):
+    with pytest.raises(InputError, match="from below"):
+        synthesize_each_light(stack, 40, [[0, 0, -1]])
+    with pytest.raises(InputError, match="source must be"):
+        synthesize_each_light(np.zeros((5, 5)), 40, [[0, 0, 1]])
+    with pytest.raises(InputError, match="lights: sample and result"):
+        assess_synthesis(np.zeros((30, 30)), synthesize(np.zeros((30, 30)), 40), lights={"x": np.array([0, 0, 1.0])})
+
+
+def test_real_photographs(real):
+    from intaglio import read_stack
+
+    stack = read_stack(real("photometric/lionhead_rti_tiny"), "linear").grey()
+    sample = represent(stack, "eigen3")
+    result = synthesize(stack, 96, kind="eigen3", seed=1)
+    report = assess_synthesis(sample, result, lights={"a": light_direction(60, 60)})
+    assert report.relit["under a"].coherence < 0.2
+    assert report.likeness.correlation < 0.5
