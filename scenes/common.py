@@ -101,6 +101,16 @@ def contact_sheet(pictures: dict[str, list[Array]]) -> Array:
     return np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0)
 
 
+def side_by_side(images: list[Array]) -> Array:
+    """Return pictures (H, W, 1 or 3) in a row, each at its size, at the top of a white strip."""
+    tallest = max(image.shape[0] for image in images)
+    padded = []
+    for image in images:
+        color = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
+        padded.append(np.pad(color, ((0, tallest - len(color) + 4), (0, 4), (0, 0)), constant_values=1.0))
+    return np.concatenate(padded, axis=1)
+
+
 def cut_out(surface: Surface, center: Array, radius: float) -> Surface:
     """Return the largest connected piece of what lies within ``radius`` of ``center``."""
     near = surface.part(np.linalg.norm(surface.vertices - center, axis=1) < radius)

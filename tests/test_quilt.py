@@ -259,7 +259,7 @@ def test_blocks_grow_with_the_texture():
         ((np.zeros((20, 20)), 5.5), {}, "size must be"),
         ((np.zeros((0, 20)), 50), {}, "empty"),
         (([], 50), {}, "empty"),
-        ((np.zeros((3, 3)), 50), {}, "too small"),
+        ((np.zeros((1, 30)), 50), {}, "too small"),
         ((np.full((20, 20), np.nan), 50), {}, "400 of 400 pixels"),
         ((np.array([[0, 1e308], [-1e308, 0]]).repeat(10, 0).repeat(10, 1), 50), {}, "range that is not finite"),
         (([np.zeros((20, 20)), np.zeros((20, 21))], 50), {}, "differ in size: 20 x 20, 20 x 21"),

@@ -61,7 +61,8 @@ def element_size(features: Array, usable: Array) -> tuple[float, str]:
     length = float(below[0]) if len(below) else float(min(height, width) / 2)
 
     peak = (centred == ndimage.maximum_filter(centred, size=5)) & (centred > _PEAK) & (far > 1.5 * length)
-    peak &= far < min(height, width) / 2
+    # Longer periods could not be told from chance.
+    peak &= far < min(height, width) / 3
     # A pattern falls below zero before it returns; a slow slope does not.
     if peak.any() and mean[: int(min(height, width) / 2)].min() < 0:
         first = np.argmin(np.where(peak, far, np.inf))

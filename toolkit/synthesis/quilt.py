@@ -88,7 +88,9 @@ def quilt(
     tileable : bool
         Make a result that wraps around without a seam; ``size`` must be at least ``block``.
     refine : int
-        Passes per window of the refinement that removes visible seams, see `refine_texture`; 0: none.
+        Passes per window size (32, 16 and 8 pixels, as far as ``block`` allows) of the refinement that removes visible seams by
+        texture optimisation: windows are matched to the sample, pixels take their vote, and the last pass copies again. 0: none.
+        It runs on the CPU.
     mask : (H, W) bool array, optional
         Pixels of the sample that may be used.
     match : like ``maps``, optional
@@ -160,7 +162,7 @@ def quilt(
         source = refined(
             sample,
             source,
-            largest=side,
+            block=side,
             passes=refine,
             tileable=tileable,
             progress=None if progress is None else lambda done, total: progress(count + 3 * count * done // total, steps),
@@ -180,10 +182,10 @@ def checked_block(sample: SampleMaps, block: int | str) -> tuple[int, str]:
     height, width = sample.usable.shape
     if sample.features.size > _MOST_VALUES:
         raise InputError(f"the sample has {sample.features.size} values, more than {_MOST_VALUES}; give a smaller part of it")
-    if block == "auto":
+    if min(height, width) < 2:
+        raise InputError(f"the sample is {height} x {width} pixels, too small for blocks; give at least 2 x 2")
+    if isinstance(block, str) and block == "auto":
         side, found = automatic_block(sample.features, sample.usable)
-        if side < 2:
-            raise InputError(f"the sample is {height} x {width} pixels, too small for blocks; give at least 4 x 4")
         while side > 2 and not block_starts(sample.usable, side).any():
             side -= 1
         return side, f"block {side}: {found}"

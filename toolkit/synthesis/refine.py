@@ -18,6 +18,9 @@ from intaglio.synthesis.sample import SampleMaps
 
 Array = np.ndarray
 
+# Sides of windows in pixels.
+SIDES = (32, 16, 8)
+
 # Values of a window's side that are compared: larger windows at lower resolution.
 _SIDE = 8
 
@@ -56,7 +59,7 @@ def refined(
     sample: SampleMaps,
     source: Array,
     *,
-    largest: int,
+    block: int,
     passes: int,
     tileable: bool,
     progress: Callable[[int, int], None] | None = None,
@@ -68,8 +71,8 @@ def refined(
     sample : SampleMaps
     source : (H, W, 2) int array
         Row and column in the sample of each pixel.
-    largest : int
-        No window is larger than this, in pixels.
+    block : int
+        Size of the texture's elements in pixels: much larger windows find nothing like them, and blur.
     passes : int
         Per size of window.
     tileable : bool
@@ -82,7 +85,8 @@ def refined(
     Kwatra et al., Texture optimization for example-based synthesis (2005); Han et al., Fast example-based surface texture
     synthesis via discrete optimization (2006).
     """
-    sides = [s for s in (32, 16, 8) if s <= min(largest, *source.shape[:2], *sample.usable.shape)]
+    most = min(1.25 * block, *source.shape[:2], *sample.usable.shape)
+    sides = [s for s in SIDES if s <= most]
     source = source.astype(np.int64)
     done = 0
     for side in sides:
@@ -159,7 +163,7 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
             corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest
         )
         away = ((_read(features, proposal) - voted) ** 2).sum(axis=0)
-        # Over a quarter of a window: pixels nearest to the vote one by one would be a mosaic without contrast.
+        # Pixels of large windows that are nearest to the vote one by one would be a mosaic without contrast.
         away = ndimage.uniform_filter(away, side // 4 + 1, mode="wrap" if tileable else "nearest")
         nearer = away < best
         best[nearer] = away[nearer]
