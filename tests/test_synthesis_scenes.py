@@ -45,6 +45,6 @@ def test_relightables(args, monkeypatch):
         for found in report.relit.values():
             assert found.coherence < (0.45 if kind == "height" else 0.2)
     light = np.array([0.3, 0.2, 0.9])
-    surface = larger_relightables.thesis_surfaces(48, 1)[0]
+    surface = larger_relightables.thesis_surfaces(64, 1)[0]
     texture = larger_relightables.represent(surface.stack(samples=4, seed=1), "ptm")
     assert larger_relightables.rendered_difference(texture, light) < 1e-5
