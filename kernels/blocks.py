@@ -17,42 +17,22 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from intaglio.kernels.lanes import ABSOLUTE, LANES, RELATIVE, SLACK, UNUSABLE, absolute_terms, difference, squared_terms, vec16
 from intaglio.kernels.launch import launch
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = 16
 ROWS = 4
-vec16 = wp.types.vector(length=LANES, dtype=wp.float32)
-
-# Above any cost of a block that can be taken.
-UNUSABLE = wp.constant(1.0e30)
 
 # A search gives a group up after any of this many parts of the overlap, as soon as it can't be chosen any more.
 PARTS = wp.constant(8)
-
-# What rounding may add to a cost, as a factor and for each term: a bound is widened by them.
-SLACK = wp.constant(1.0001)
-TERM_SLACK = wp.constant(1.0e-7)
 
 # The most blocks that a block can continue; and what stands in their list if it has to fit others too.
 CONTINUED = wp.constant(4)
 OTHERS = wp.constant(-2)
 
-# The least work worth a thread, in nanoseconds.
-_GRAIN = 100_000
-
 # Costs held at a time, in bytes; fixed, so that results do not depend on the machine.
 _COST_BYTES = 64_000_000
-
-
-@wp.func
-def difference(a: float, b: float, squared: int):
-    """Return |a - b| or its square."""
-    d = a - b
-    if squared == 1:
-        return d * d
-    return wp.abs(d)
 
 
 @wp.kernel
@@ -90,19 +70,6 @@ def _gather(
                 x = (origin[b][1] + at[1] + dx) % width
                 total += planes[c * plane + canvas[y, x]]
         value[k, p * maps + c] = total
-
-
-@wp.func
-def absolute_terms(a: vec16, v: float):
-    """Return |a - v|, lane by lane."""
-    return wp.abs(a - vec16(v))
-
-
-@wp.func
-def squared_terms(a: vec16, v: float):
-    """Return (a - v)^2, lane by lane."""
-    d = a - vec16(v)
-    return wp.cw_mul(d, d)
 
 
 @wp.func
@@ -305,7 +272,8 @@ def _set_bounds(
                 y = candidate / width
                 if penalty[y, candidate - y * width] == 0.0:
                     best = wp.min(best, exact_cost(candidate, at, terms, offset, value, k, planes, squared))
-    bound[k] = wp.min(float(UNUSABLE), best * (1.0 + tolerance) * SLACK + TERM_SLACK * float(terms))
+    rounding = SLACK + RELATIVE * float(terms)
+    bound[k] = wp.min(float(UNUSABLE), best * (1.0 + tolerance) * rounding + 0.1 * ABSOLUTE * float(terms))
 
 
 @wp.kernel
@@ -326,7 +294,7 @@ def _choose(
     for i in range(least.shape[1]):
         for g in range(least.shape[2]):
             best = wp.min(best, least[k, i, g])
-    limit = best * (1.0 + tolerance)
+    limit = wp.min(best * (1.0 + tolerance), 0.5 * float(UNUSABLE))
     listed = int(0)
     for i in range(least.shape[1]):
         for g in range(least.shape[2]):
@@ -804,8 +772,7 @@ class BlockLayer:
         self._take = wp.zeros((count, block, block), dtype=wp.uint8, device=device)
 
     def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list[Any], outputs: list[Any], work: float) -> None:
-        """Launch a kernel that takes about ``work`` nanoseconds for a leading index; few of these don't pay a thread."""
-        launch(kernel, dim, inputs, outputs, device=self.device, grain=int(_GRAIN // max(work, 1)) + 1)
+        launch(kernel, dim, inputs, outputs, device=self.device, work=work)
 
     def _costs(self, stencils: _Stencils, lanes: wp.array, first: int, count: int, *, box: int, use_lower: bool) -> None:
         """Search one wave, with pixels or with boxes."""

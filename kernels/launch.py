@@ -20,6 +20,9 @@ from itertools import pairwise
 import numpy as np
 import warp as wp
 
+# Nanoseconds of work that pay for handing them to a thread.
+_WORTH_A_THREAD = 100_000
+
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 _pool_size = 0
@@ -146,6 +149,7 @@ def launch(
     *,
     device: str,
     grain: int = 64,
+    work: float | None = None,
 ) -> None:
     """Launch ``kernel`` over ``dim``, split over CPU threads along the leading dimension, or once on CUDA.
 
@@ -161,6 +165,8 @@ def launch(
         From `choose_device`.
     grain : int
         Fewest leading indices worth a thread of their own.
+    work : float, optional
+        About how many nanoseconds a leading index takes, in place of ``grain``.
     """
     shape = (dim,) if isinstance(dim, int) else tuple(dim)
     if min(shape) == 0:
@@ -169,6 +175,8 @@ def launch(
         wp.launch(kernel, dim=shape, inputs=[0, *inputs], outputs=list(outputs), device=device)
         return
     load(kernel, device)
+    if work is not None:
+        grain = int(_WORTH_A_THREAD // max(work, 1)) + 1
     # More parts than threads even out rows of unequal work.
     parts = 1 if threads() == 1 else min(4 * threads(), max(1, shape[0] // grain))
     ranges = list(split(shape[0], parts))

@@ -14,22 +14,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.lanes import ABSOLUTE, LANES, RELATIVE, SLACK, UNUSABLE, absolute_terms, difference, squared_terms, vec16
+from intaglio.kernels.launch import launch, single_threaded_blas
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = 16
-vec16 = wp.types.vector(length=LANES, dtype=wp.float32)
-
 # The parent's surroundings: 3 x 3.
 PARENTS = wp.constant(9)
-
-# Above any cost.
-NONE = wp.constant(1.0e30)
-
-# What rounding may add to a cost, as a factor and for each pixel.
-SLACK = wp.constant(1.0001)
-TERM_SLACK = wp.constant(1.0e-6)
 
 # Groups compared at a time.
 TOGETHER = wp.constant(4)
@@ -39,9 +30,6 @@ PARTS = wp.constant(6)
 
 # Bytes of sample neighbourhoods that a thread compares with one target after the other: they stay in its cache.
 _CHUNK_BYTES = 200_000
-
-# The least work worth a thread, in nanoseconds.
-_GRAIN = 100_000
 
 
 @wp.func
@@ -161,7 +149,7 @@ def _propose(
     columns = canvas.shape[1]
     area = window * window
     reach = window / 2
-    best = float(NONE)
+    best = float(UNUSABLE)
     chosen = int(-1)
     if exhaustive[first + t] == wp.uint8(0) and at[1] > 0:
         source = canvas[at[0], at[1] - 1]
@@ -196,28 +184,13 @@ def _propose(
                         total = float(0.0)
                         lane = (s / LANES) * elements * LANES + s % LANES
                         for i in range(positions, positions + count[t] * maps):
-                            d = neighbourhoods[lane + element[t, i] * LANES] - value[t, i]
-                            if squared == 1:
-                                total += d * d
-                            else:
-                                total += wp.abs(d)
+                            total += difference(neighbourhoods[lane + element[t, i] * LANES], value[t, i], squared)
                         if total < best:
                             best = total
+                            chosen = candidate
     # Rounding may differ from the search's: the bound must let the candidate itself pass.
-    bound[t] = best * SLACK
-
-
-@wp.func
-def absolute_terms(a: vec16, v: float):
-    """Return |a - v|, lane by lane."""
-    return wp.abs(a - vec16(v))
-
-
-@wp.func
-def squared_terms(a: vec16, v: float):
-    """Return (a - v)^2, lane by lane."""
-    d = a - vec16(v)
-    return wp.cw_mul(d, d)
+    bound[t] = best * (SLACK + RELATIVE * float(count[t] * maps))
+    pixel[t] = chosen
 
 
 def _search_kernel(terms: Any) -> wp.Kernel:
@@ -256,8 +229,9 @@ def _search_kernel(terms: Any) -> wp.Kernel:
                 base = g * elements
                 passes = int(1)
                 if maps > 1:
-                    # Rounding may lift a bound above the cost it bounds.
-                    limit = (best * SLACK + TERM_SLACK * float(listed)) / scale
+                    # Rounding may lift a bound above the cost it bounds: a summary is a sum of ``maps`` values up to 1.
+                    amount = ABSOLUTE + 2.0 * RELATIVE * float(maps * maps)
+                    limit = (best * (SLACK + RELATIVE * float(listed * maps)) + amount * float(listed)) / scale
                     s0 = vec16(0.0)
                     s1 = vec16(0.0)
                     s2 = vec16(0.0)
@@ -312,7 +286,7 @@ def _search_kernel(terms: Any) -> wp.Kernel:
                                     if least < best or found < 0 or at < found:
                                         best = least
                                         found = at
-        cost[t, c] = wp.where(found >= 0, best, float(NONE))
+        cost[t, c] = wp.where(found >= 0, best, float(UNUSABLE))
         pixel[t, c] = found
 
     return window_search
@@ -346,7 +320,9 @@ def _pick(
     elif count[t] == 0:
         chosen = place[wp.min(candidates - 1, int(uniform[first + t] * float(candidates)))]
     else:
-        best = float(NONE)
+        # What is found continues the neighbours at worst.
+        chosen = pixel[t]
+        best = float(UNUSABLE)
         for c in range(cost.shape[1]):
             if nearest[t, c] >= 0 and (cost[t, c] < best or (cost[t, c] == best and nearest[t, c] < chosen)):
                 best = cost[t, c]
@@ -363,7 +339,7 @@ class Level:
     planes : (n, H, W) float32 array
         The sample's maps, scaled for matching.
     canvas : (h, w) int32 array
-        For each pixel of the result the flat index of the sample pixel it copies, -1 where it is to be synthesised.
+        For each pixel of the result the flat index of the sample pixel it copies, -1 where there is none (yet).
     """
 
     planes: np.ndarray
@@ -414,7 +390,7 @@ class WindowSearch:
         self._elements = rows.shape[1]
         padded = -len(rows) % (LANES * int(TOGETHER))
         # Padding costs more than any bound.
-        rows = np.concatenate([rows, np.full((padded, self._elements), NONE, np.float32)])
+        rows = np.concatenate([rows, np.full((padded, self._elements), UNUSABLE, np.float32)])
         self._groups = len(rows) // LANES
         blocked = np.ascontiguousarray(rows.reshape(self._groups, LANES, -1).transpose(0, 2, 1))
         self._numbers = wp.array(blocked.ravel(), dtype=float, device=device)
@@ -441,7 +417,7 @@ class WindowSearch:
     def synthesise(
         self, targets: np.ndarray, waves: np.ndarray, exhaustive: np.ndarray, uniform: np.ndarray, done: Any = None
     ) -> None:
-        """Synthesise ``targets`` (T, 2), wave after wave; pixels of one wave don't see each other.
+        """Synthesise ``targets`` (T, 2), wave after wave; what a wave makes is seen by the next ones alone.
 
         Parameters
         ----------
@@ -514,8 +490,7 @@ class WindowSearch:
                 done(stop)
 
     def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list[Any], outputs: list[Any], work: float) -> None:
-        """Launch a kernel that takes about ``work`` nanoseconds for a leading index; few of these don't pay a thread."""
-        launch(kernel, dim, inputs, outputs, device=self.device, grain=int(_GRAIN // max(work, 1)) + 1)
+        launch(kernel, dim, inputs, outputs, device=self.device, work=work)
 
 
 def neighbourhoods(level: Level, coarse: Level | None, candidates: np.ndarray, window: int) -> np.ndarray:
@@ -536,7 +511,8 @@ def _signs(planes: np.ndarray) -> np.ndarray:
     """Return +1 or -1 for each map, so that maps which vary together add up."""
     flat = planes.reshape(len(planes), -1).astype(np.float64)
     flat = flat - flat.mean(axis=1, keepdims=True)
-    return np.where(np.linalg.eigh(flat @ flat.T)[1][:, -1] < 0, -1, 1).astype(np.float32)
+    with single_threaded_blas():
+        return np.where(np.linalg.eigh(flat @ flat.T)[1][:, -1] < 0, -1, 1).astype(np.float32)
 
 
 def _summaries(rows: np.ndarray, signs: np.ndarray) -> np.ndarray:

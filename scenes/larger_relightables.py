@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from intaglio.scenes.common import data_folder, options, side_by_side
 from intaglio.scenes.rough_surfaces import thesis_surfaces
 from intaglio.synthesis import SynthesisReport, assess_synthesis, synthesize, synthesize_each_light
 from intaglio.synthesis.report import THESIS_LIGHTS
+from intaglio.synthesis.result import copied_texture, places
 
 Array = np.ndarray
 
@@ -34,9 +33,8 @@ RESULT = 288
 
 def cropped(texture: Relightable, rows: slice, columns: slice) -> Relightable:
     """Return a patch of a texture."""
-    at = (rows, columns)
-    planes: dict[str, Any] = {n: getattr(texture, n) for n in ("chroma", "mask", "height", "confidence")}
-    return replace(texture, maps=texture.maps[:, rows, columns], **{n: None if p is None else p[at] for n, p in planes.items()})
+    patch = places(texture.maps.shape[1:3])[rows, columns]
+    return copied_texture(texture, patch, None if texture.mask is None else texture.mask[rows, columns])
 
 
 def stacks(args: argparse.Namespace, size: int) -> dict[str, tuple[PhotometricStack, tuple[slice, slice]]]:

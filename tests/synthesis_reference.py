@@ -56,7 +56,6 @@ def cut_distance(error):
 
 def quilt_reference(sample, size, block, overlap, tolerance, *, seed, tileable=False, squared=False, shortcut=False, mask=None):
     """Provenance (H, W, 2) of quilting in raster order, every candidate compared in full."""
-    height, width = sample.shape[:2]
     ys, xs = (starts(n, block, overlap, tileable) for n in size)
     shape = size if tileable else (ys[-1] + block, xs[-1] + block)
     source = np.full((*shape, 2), -1)
@@ -80,7 +79,7 @@ def quilt_reference(sample, size, block, overlap, tolerance, *, seed, tileable=F
             listed = sorted(map(tuple, listed.tolist()), key=lambda c: (c[0] // 4, c[1] // 16, c[0] % 4, c[1] % 16))
             u = np.float32(uniform(seed, 40, np.array(y), np.array(x)))
             pick = listed[min(len(listed) - 1, int(u * np.float32(len(listed))))]
-            last = tileable and (i == len(ys) - 1 or j == len(xs) - 1)
+            last = tileable and (y + block > shape[0] or x + block > shape[1])
             if shortcut and not last:
                 before = [p for p in ((i, j - 1), (i - 1, j), (i - 1, j - 1)) if p in chosen]
                 next_to = {(chosen[p][0] + y - ys[p[0]], chosen[p][1] + x - xs[p[1]]) for p in before}
@@ -99,19 +98,17 @@ def quilt_reference(sample, size, block, overlap, tolerance, *, seed, tileable=F
             if i > 0:
                 wide = block - (y - ys[i - 1])
                 take &= at[:, None] >= cut_distance(error[:wide].T)[None, :]
-            if tileable and j == len(xs) - 1:
-                wide = block - (shape[1] - x)
+            wide = x + block - shape[1]
+            if tileable and wide > 0:
                 take &= block - 1 - at[None, :] >= cut_distance(error[:, ::-1][:, :wide])[:, None]
-            if tileable and i == len(ys) - 1:
-                wide = block - (shape[0] - y)
+            wide = y + block - shape[0]
+            if tileable and wide > 0:
                 take &= block - 1 - at[:, None] >= cut_distance(error[::-1][:wide].T)[None, :]
             source[np.ix_(rows, columns)] = np.where((take | ~known)[..., None], new, old)
-    assert height >= block
-    assert width >= block
     return source[: size[0], : size[1]]
 
 
-def best_neighbourhood(planes, above, candidates, known, above_known, window, squared):
+def best_neighbourhood(planes, above, candidates, known, above_known, squared):
     """Least cost of a comparison with all candidates, and the pixels that have it.
 
     ``known`` and ``above_known`` are lists of (offset, value (n,)) around the pixel and around its parent.

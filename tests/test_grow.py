@@ -62,7 +62,7 @@ def assert_best(search, window, squared, wrap=False):
         if not known and not above:
             continue
         planes_above = None if coarse is None else coarse.planes
-        _, best = best_neighbourhood(level.planes, planes_above, candidates, known, above, window, squared)
+        _, best = best_neighbourhood(level.planes, planes_above, candidates, known, above, squared)
         assert divmod(int(canvas[y, x]), width) in best
         checked += 1
     assert checked > 20
@@ -201,6 +201,7 @@ def test_nothing_missing_changes_nothing():
         ({"missing": np.ones((20, 21), bool)}, "missing is"),
         ({"missing": np.zeros((20, 20))}, "bool array"),
         ({"missing": np.eye(20, dtype=bool), "tileable": True}, "new textures"),
+        ({"missing": np.eye(20, dtype=bool), "exhaustive": 0.5}, "new textures"),
         ({"size": 30, "window": 4}, "odd"),
         ({"size": 30, "window": 99}, "window must be"),
         ({"size": 30, "levels": 0}, "levels must be"),
@@ -220,3 +221,27 @@ def test_nan_is_named():
     sample[3, 4] = np.nan
     with pytest.raises(InputError, match="1 of 400 pixels"):
         grow(sample, 30)
+
+
+@pytest.mark.parametrize("maps", [24, 48])
+def test_many_equal_maps_are_synthesised(maps):
+    y, x = np.indices((24, 30))
+    sample = np.stack([x + y + 1e-3 * np.random.default_rng(i).random(x.shape) for i in range(maps)], axis=2)
+    result = grow(sample, (30, 40), seed=1)
+    assert result.source.min() >= 0
+    np.testing.assert_array_equal(result.maps, sample[result.source[..., 0], result.source[..., 1]])
+
+
+def test_a_texture_that_is_filled_keeps_its_mask():
+    from intaglio import Relightable
+    from intaglio.photometric.bases import LambertBasis
+
+    maps = np.random.default_rng(0).random((3, 30, 30, 1), dtype=np.float32)
+    mask = np.ones((30, 30), bool)
+    mask[:5] = False
+    hole = np.zeros((30, 30), bool)
+    hole[12:18, 10:20] = True
+    mask &= ~hole
+    result = grow(Relightable("gradient", maps, LambertBasis(), mask=mask), missing=hole)
+    np.testing.assert_array_equal(result.texture.mask, mask | hole)
+    assert mask[result.source[hole][:, 0], result.source[hole][:, 1]].all()

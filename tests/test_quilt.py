@@ -15,8 +15,7 @@ from intaglio.kernels.launch import set_threads
 from intaglio.synthesis.block_size import automatic_block, element_size
 from intaglio.synthesis.graph_cut import graph_cut_seams
 from intaglio.synthesis.layout import plan
-from intaglio.synthesis.quilt import block_starts
-from intaglio.synthesis.sample import prepare
+from intaglio.synthesis.sample import prepare, window_starts
 
 
 def copies(sample, result):
@@ -40,23 +39,33 @@ def test_waves_give_exactly_what_raster_order_gives(tileable, metric, continuati
     np.testing.assert_array_equal(found.source, expected)
 
 
+@pytest.mark.parametrize("tileable", [False, True])
 @pytest.mark.parametrize(("block", "overlap"), [(5, 1), (9, 3), (12, 7), (20, 17)])
-def test_any_overlap_agrees_with_the_reference(block, overlap):
+def test_any_overlap_agrees_with_the_reference(block, overlap, tileable, device):
     sample = exact_sample((30, 26), 2, seed=block)
-    expected = quilt_reference(sample, (45, 33), block, overlap, 0.25, seed=1)
-    found = quilt(sample, (45, 33), block, overlap, 0.25, continuation="search", seed=1)
+    expected = quilt_reference(sample, (45, 33), block, overlap, 0.25, seed=1, tileable=tileable)
+    options = {"continuation": "search", "seed": 1, "tileable": tileable, "device": device}
+    found = quilt(sample, (45, 33), block, overlap, 0.25, **options)
     np.testing.assert_array_equal(found.source, expected)
 
 
+def ramps(shape, maps):
+    """Return maps whose differences are nearly equal everywhere: sums of them round worst, and bounds are tightest."""
+    y, x = np.indices(shape)
+    return np.stack([x + y + 1e-3 * np.random.default_rng(i).random(shape) for i in range(maps)], axis=2)
+
+
+@pytest.mark.parametrize("texture", ["noise", "ramps"])
 @pytest.mark.parametrize("squared", [False, True])
 @pytest.mark.parametrize("radius", [-1, 6])
-def test_bounds_leave_out_nothing_that_could_be_chosen(squared, radius):
-    sample = prepare(np.random.default_rng(2).random((80, 90, 4)))
+def test_bounds_leave_out_nothing_that_could_be_chosen(texture, squared, radius, device):
+    shape = (80, 90)
+    sample = prepare(np.random.default_rng(2).random((*shape, 4)) if texture == "noise" else ramps(shape, 24))
     blocks = plan((150, 170), 24, 10, tileable=False, continued=radius >= 0)
     layers = [
         BlockLayer(
-            Sample(sample.features, block_starts(sample.usable, 24)), blocks, squared=squared, tolerance=0.02, shortcut=False,
-            radius=radius, uniform=np.random.default_rng(1).random(len(blocks.origin)), device="cpu", prune=prune,
+            Sample(sample.features, window_starts(sample.usable, 24)), blocks, squared=squared, tolerance=0.02, shortcut=False,
+            radius=radius, uniform=np.random.default_rng(1).random(len(blocks.origin)), device=device, prune=prune,
         )
         for prune in (True, False)
     ]  # fmt: skip
@@ -155,14 +164,20 @@ def test_smaller_than_a_block_is_a_piece_of_the_sample():
 
 
 def test_cuts_run_where_the_error_is_least():
-    error = np.full((9, 6), 5.0)
-    wanted = np.array([3, 3, 2, 2, 3, 4, 4, 4, 3])
-    for a, x in enumerate(wanted):
-        error[a, x] = error[a, x - 1] = 0
-    # Steps aside are free as well.
-    error[1:, :][np.arange(8), np.minimum(wanted[1:], wanted[:-1])] = 0
-    error[:-1, :][np.arange(8), np.minimum(wanted[1:], wanted[:-1])] = 0
-    np.testing.assert_array_equal(cut_distance(error), wanted)
+    """The last block's cut, against all paths of a small overlap."""
+    error = np.random.default_rng(3).random((6, 4))
+    edge = error + np.concatenate([error[:, :1], error[:, :-1]], axis=1)
+
+    def cost(path):
+        steps = sum(
+            error[a - 1, min(path[a - 1], path[a])] + error[a, min(path[a - 1], path[a])]
+            for a in range(1, 6)
+            if path[a] != path[a - 1]
+        )
+        return edge[np.arange(6), path].sum() + steps
+
+    paths = [p for p in itertools.product(range(4), repeat=6) if all(abs(a - b) <= 1 for a, b in itertools.pairwise(p))]
+    assert cost(cut_distance(error)) == pytest.approx(min(map(cost, paths)), rel=1e-12)
 
 
 def test_cuts_lessen_the_seam_and_graphs_no_less():
@@ -270,6 +285,7 @@ def test_blocks_grow_with_the_texture():
         ((np.zeros((20, 20)), 50), {"mask": np.ones((20, 21), bool)}, "mask must be"),
         ((np.zeros((20, 20)), 50), {"tolerance": -1}, "tolerance"),
         ((np.zeros((20, 20)), 50), {"tolerance": "x"}, "tolerance"),
+        ((np.zeros((20, 20)), 50), {"tolerance": 1e29}, "tolerance"),
         ((np.zeros((20, 20)), 50), {"metric": "l2"}, "metric must be one of"),
         ((np.zeros((20, 20)), 50), {"cut": "x"}, "cut must be one of"),
         ((np.zeros((20, 20)), 50), {"continuation": "x"}, "continuation must be"),
@@ -293,3 +309,19 @@ def test_progress_reaches_the_end():
     quilt(np.random.default_rng(0).random((40, 40)), 90, 12, refine=2, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1][0] == seen[-1][1]
     assert all(a[0] <= b[0] for a, b in itertools.pairwise(seen))
+
+
+def test_huge_weights_are_only_relative():
+    sample = np.random.default_rng(0).random((30, 30, 2))
+    a = quilt(sample, 50, 10, metric="squared", weights=(1e30, 1e30), seed=1)
+    b = quilt(sample, 50, 10, metric="squared", seed=1)
+    np.testing.assert_array_equal(a.source, b.source)
+
+
+def test_small_blocks_are_refined_as_far_as_they_can_be():
+    seen = []
+    sample = np.random.default_rng(0).random((30, 30))
+    result = quilt(sample, 60, 5, refine=2, progress=lambda done, total: seen.append((done, total)))
+    assert result.notes[-1] == "refined, 2 passes with windows of 8 pixels"
+    assert seen[-1][0] == seen[-1][1]
+    assert quilt(sample[:7, :7], 60, 3, refine=1).notes[-1] == "too small to be refined"

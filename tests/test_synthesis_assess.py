@@ -64,13 +64,36 @@ def test_shuffled_pixels_show(gravel):
     assert report.copy_side < 2 < good.copy_side
 
 
-def test_correlation_lost_shows(gravel):
+def test_correlation_is_kept(gravel):
     sample = np.stack([gravel, 1 - gravel], axis=2)
-    whole = laid(sample, places(128, 128))
-    turned = Synthesis(np.stack([gravel, 1 - gravel[::-1]], axis=2), whole.source)
-    # The report reads values through the source: maps that came from one place can't lose it.
-    assert assess_synthesis(sample, turned).likeness.correlation == 0
     assert assess_synthesis(sample, quilt(sample, 200, seed=1)).likeness.correlation < 1e-3
+    flat = sample.copy()
+    flat[:64, :64, 1] = 0.5
+    lost = laid(flat, np.tile(places(64, 64), (2, 2, 1)))
+    assert np.isnan(assess_synthesis(flat, lost).likeness.correlation)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 9), (6, 6), (12, 12)])
+def test_small_results_are_measured(size):
+    sample = np.random.default_rng(0).random((30, 30))
+    for seed in range(5):
+        report = assess_synthesis(sample, quilt(sample, size, 5, seed=seed))
+        assert 0 <= report.likeness.coherence < 1
+
+
+def test_windows_of_noise_are_far_apart():
+    """In 384 dimensions the nearest of windows of noise is hardly nearer than any, however many are searched."""
+    sample = np.random.default_rng(0).random((64, 64, 6))
+    scattered = np.random.default_rng(1).permutation(places(64, 64).reshape(-1, 2)).reshape(64, 64, 2)
+    assert assess_synthesis(sample, laid(sample, scattered)).likeness.coherence > 0.8
+    assert assess_synthesis(sample, quilt(sample, 64, 20, seed=1)).likeness.coherence < 0.4
+
+
+def test_a_mask_that_does_not_fit_is_refused(gravel):
+    mask = np.ones(gravel.shape, bool)
+    mask[:5] = False
+    with pytest.raises(InputError, match="mask leaves out"):
+        assess_synthesis(gravel, laid(gravel, places(128, 128)), mask=mask)
 
 
 def test_a_wrap_with_a_line_shows(gravel):

@@ -34,6 +34,9 @@ from intaglio.synthesis.result import Synthesis
 
 Array = np.ndarray
 
+# Where pixels came from, in a folder of maps or after an image's name.
+SOURCE = "source.exr"
+
 # Options that only one method has.
 _OWN = {
     "quilt": ("block", "overlap", "tolerance", "cut", "continuation", "refine"),
@@ -53,6 +56,8 @@ class _Images:
         self.opaque: Array | None = None
         for path in paths:
             dtype = read_samples(path).dtype
+            if dtype.kind == "f" and path.suffix.lower() != ".exr":
+                raise InputError(f"{path}: holds floats, which only EXR could hold of the result; convert it to .exr")
             image = read_image(path)
             image = image[:, :, None] if image.ndim == 2 else image
             if values and image.shape[:2] != values[0].shape[:2]:
@@ -150,6 +155,16 @@ def synthesize(
     for path in samples:
         if not os.path.isdir(path):
             check_readable(path)
+    where = None
+    if source:
+        several = len(samples) > 1
+        where = output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")
+        if several and any(_image_name(path) == SOURCE for path in samples):
+            raise InputError(
+                f"a map called {SOURCE} would be overwritten by where pixels came from; rename it or give --no-source"
+            )
+        if not several or output.is_dir():
+            check_writable(where, inputs=samples)
     start = time.perf_counter()
     settings |= {"size": (height, width), "method": method}
     if len(samples) == 1 and (os.path.isdir(first) or first.suffix.lower() in STACK_SUFFIXES or is_texture(first)):
@@ -166,17 +181,17 @@ def synthesize(
         write_relightable(result.texture, output)
         written = [output] + (write_maps(result.texture, maps) if maps is not None else [])
     else:
-        if maps is not None:
-            raise InputError("--maps is for relightable textures and photographs under known lights")
+        for name in ("maps", "kind", "color", "robust", "response", "sphere", "circle", "grey"):
+            if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+                what = "relightable textures and photographs" if name == "maps" else "photographs"
+                raise InputError(f"--{name} is for {what} under known lights")
         _known_images(samples, output)
         images = _Images(samples)
         given = images.values
         usable = _usable(images, mask)
         result = _made(images.values, settings | {"match": images.compared, "mask": usable})
         written = _write_images(images, result, output)
-    if source:
-        where = output / "source.exr" if output.is_dir() else output.with_name(f"{output.stem}.source.exr")
-        check_writable(where, inputs=samples)
+    if where is not None:
         write_source(result, where)
         written.append(where)
     seconds = time.perf_counter() - start

@@ -67,8 +67,8 @@ def friedman(ranks: Any) -> Friedman:
     Parameters
     ----------
     ranks : (b, k) array
-        A row for each observer and texture: the ranks 1 (best) to k it gave to k methods, at least 3; equal ranks may be
-        given as equal numbers. Rows that are not ranks from 1 to k in themselves (misprints) are ranked anew for the test.
+        A row for each observer and texture: the ranks 1 (best) to k it gave to k methods, at least 3; equal ranks as the mean of
+        their places, such as 1.5, 1.5, 3. Rows that are no such ranks (misprints) are ranked anew for the statistic.
 
     Returns
     -------

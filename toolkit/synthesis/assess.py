@@ -12,9 +12,9 @@ from intaglio.errors import InputError
 from intaglio.photometric import Relightable
 from intaglio.randomness import uniform
 from intaglio.statistics import earth_movers_distance
-from intaglio.synthesis.nearest import NearestWindows
-from intaglio.synthesis.result import Synthesis
-from intaglio.synthesis.sample import prepare
+from intaglio.synthesis.nearest import NearestWindows, rms_apart
+from intaglio.synthesis.result import Synthesis, places
+from intaglio.synthesis.sample import prepare, window_starts
 
 Array = np.ndarray
 
@@ -43,7 +43,7 @@ class Likeness:
     joint : float
         The same of all maps together: mean over directions through their space, each scaled to unit deviation.
     correlation : float
-        Largest difference between the correlations of two maps.
+        Largest difference between the correlations of two maps; NaN if a map of the result lost all variation.
     spectrum : float
         Root mean square difference of the power spectra in decibels, over bands of an octave.
     coherence : float
@@ -68,12 +68,12 @@ class SynthesisReport:
     Attributes
     ----------
     likeness : Likeness
-        Of all maps.
+        Of what was compared in synthesis, all maps at equal range, as the result's provenance lays it.
     seam : float
         Mean jump between neighbouring pixels from different places of the sample, over the mean jump between others; maps at
         equal range. 1: seams are like the texture itself. NaN where there is no seam.
     wrap : float
-        The same for neighbours over the edge, if the result is tileable; else NaN.
+        Mean jump between neighbours over the edge, over that of all neighbours inside, if the result is tileable; else NaN.
     seam_share : float
         Share of neighbouring pixels that come from different places.
     copy_side : float
@@ -141,6 +141,8 @@ def assess_synthesis(
     source = result.source
     if source.min() < 0 or (source.reshape(-1, 2).max(axis=0) >= prepared.usable.shape).any():
         raise InputError(f"the result copies pixels that a sample of {prepared.usable.shape} does not have")
+    if not prepared.usable[source[..., 0], source[..., 1]].all():
+        raise InputError("the result copies pixels that the mask leaves out; give the mask it was made with")
     features = np.moveaxis(prepared.features, 0, 2)
     laid = features[source[..., 0], source[..., 1]]
     seam, wrap, share = _seams(laid, source, result.tileable)
@@ -232,8 +234,9 @@ def _likeness(sample: Array, usable: Array, result: Array, source: Array) -> Lik
         angles = uniform(0, _RANDOM, np.arange(_DIRECTIONS)[:, None], np.arange(a.shape[1])[None, :]) - 0.5
         angles /= np.linalg.norm(angles, axis=1, keepdims=True)
         joint = float(np.mean([earth_movers_distance(b @ d, a @ d) for d in angles]))
-        if a.shape[1] > 1 and (made[:, kept].std(axis=0) > 0).all():
-            correlation = float(np.abs(np.corrcoef(a.T) - np.corrcoef(b.T)).max())
+        if a.shape[1] > 1:
+            varies = bool((b.std(axis=0) > 0).all())
+            correlation = float(np.abs(np.corrcoef(a.T) - np.corrcoef(b.T)).max()) if varies else float("nan")
     coherence, completeness = _windows_apart(sample, usable, result, source)
     return Likeness(histogram, joint, correlation, _spectra_apart(sample, usable, result), coherence, completeness)
 
@@ -246,7 +249,7 @@ def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -
     """
     side = min(_WINDOW, *usable.shape, *result.shape[:2])
     everywhere = np.ones(result.shape[:2], bool)
-    own_starts, made_starts = (_window_starts(mask, side) for mask in (usable, everywhere))
+    own_starts, made_starts = (window_starts(mask, side) for mask in (usable, everywhere))
     if not own_starts.any():
         return float("nan"), float("nan")
     most = max(_QUERIES, _AMONG // (side * side * sample.shape[2]))
@@ -257,16 +260,16 @@ def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -
     if typical == 0:
         return 0.0, 0.0
     copied_to = np.full((*usable.shape, 2), -1)
-    copied_to[source[..., 0], source[..., 1]] = np.stack(np.meshgrid(*map(np.arange, everywhere.shape), indexing="ij"), axis=2)
+    copied_to[source[..., 0], source[..., 1]] = places(everywhere.shape)
 
     def apart(image: Array, starts: Array, among: Array, other: Array, other_starts: Array, place: Array) -> float:
         corner = _spread(np.argwhere(starts), _QUERIES)
         query = _windows(image, corner, side)
-        distance = NearestWindows(among).find(query)[1]
+        distance = rms_apart(among[NearestWindows(among).find(query)], query)
         there = place[corner[:, 0], corner[:, 1]]
         inside = ((there >= 0) & (there < other_starts.shape)).all(axis=1)
         inside[inside] = other_starts[tuple(there[inside].T)]
-        away = np.sqrt(np.mean((_windows(other, there[inside], side) - query[inside]) ** 2, axis=1))
+        away = rms_apart(_windows(other, there[inside], side), query[inside])
         distance[inside] = np.minimum(distance[inside], away)
         return float(distance.mean()) / typical
 
@@ -274,11 +277,6 @@ def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -
         apart(result, made_starts, own, sample, own_starts, source),
         apart(sample, own_starts, made, result, made_starts, copied_to),
     )
-
-
-def _window_starts(usable: Array, side: int) -> Array:
-    """Return where windows of usable pixels alone begin."""
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(usable, (side, side)).all(axis=(2, 3)))
 
 
 def _spread(rows: Array, most: int) -> Array:
@@ -290,7 +288,7 @@ def _windows(image: Array, corner: Array, side: int) -> Array:
     """Return windows (M, side² n) that begin at ``corner`` (M, 2)."""
     at = np.arange(side)
     y, x = corner[:, 0, None, None] + at[None, :, None], corner[:, 1, None, None] + at[None, None, :]
-    return np.ascontiguousarray(image[y, x].reshape(len(corner), -1), np.float32)
+    return np.ascontiguousarray(image[y, x].reshape(len(corner), side * side * image.shape[2]), np.float32)
 
 
 def _spectra_apart(sample: Array, usable: Array, result: Array) -> float:

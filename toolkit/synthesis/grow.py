@@ -13,10 +13,12 @@ from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.kernels.windows import Level, WindowSearch, neighbourhoods
+from intaglio.photometric.relightable import Relightable
 from intaglio.randomness import checked_seed, uniform
 from intaglio.synthesis.pyramid import halved, level_shape
-from intaglio.synthesis.result import Synthesis, copied
+from intaglio.synthesis.result import Synthesis, copied, places
 from intaglio.synthesis.sample import (
+    METRICS,
     SampleMaps,
     checked_choice,
     checked_count,
@@ -28,8 +30,6 @@ from intaglio.synthesis.sample import (
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
-
-METRICS = ("absolute", "squared")
 
 # What random numbers are for.
 _EXHAUSTIVE, _ANY = 41, 42
@@ -114,6 +114,8 @@ def grow(
     if window % 2 == 0:
         raise InputError(f"window must be odd, not {window}")
     exhaustive = checked_number("exhaustive", exhaustive, 0, 1)
+    if missing is not None and exhaustive != 1:
+        raise InputError("exhaustive is for new textures; leave it out with missing")
     if levels is not None:
         levels = checked_count("levels", levels, 1, 12)
     seed = checked_seed(seed)
@@ -131,7 +133,8 @@ def grow(
     sample = _prepared(maps, hole, mask, match, weights)
     shape = sample.usable.shape if size is None else checked_size(size)
     if hole is not None and not hole.any():
-        return copied(maps, sample.maps, _places(shape), tileable=False, notes=("nothing is missing",))
+        kept = maps.mask if isinstance(maps, Relightable) else None
+        return copied(maps, sample.maps, places(shape), tileable=False, notes=("nothing is missing",), mask=kept)
 
     pyramid = _pyramid(sample, hole, shape, window, levels)
     wanted = [hole if hole is not None and n == 0 else level.canvas < 0 for n, (level, _) in enumerate(pyramid)]
@@ -141,7 +144,7 @@ def grow(
     notes = [f"{len(pyramid)} levels, window {window} x {window}"]
     for number in range(len(pyramid) - 1, -1, -1):
         level, usable = pyramid[number]
-        candidates = _candidates(usable, None if coarse is None else pyramid[number + 1][1], window, coarse is not None)
+        candidates = _candidates(usable, None if coarse is None else pyramid[number + 1][1], window)
         if len(candidates) == 0:
             raise InputError(
                 f"the sample has no {window} x {window} window of usable pixels on level {number}; "
@@ -153,7 +156,7 @@ def grow(
         )
         targets, waves = _raster_waves(level.canvas.shape, window) if hole is None else _shrinking_waves(wanted[number], window)
         keys = (number, targets[:, 0], targets[:, 1])
-        searched = uniform(seed, _EXHAUSTIVE, *keys) < (exhaustive if hole is None else 1.0)
+        searched = uniform(seed, _EXHAUSTIVE, *keys) < exhaustive
         before = done
         search.synthesise(
             targets,
@@ -169,8 +172,11 @@ def grow(
     source = np.stack([coarse.canvas // width, coarse.canvas % width], axis=2).astype(np.int32)
     if hole is not None:
         # Pixels that the mask left out are no sample, but stay as they are.
-        source[~hole] = _places(shape)[~hole]
-    return copied(maps, sample.maps, source, tileable=tileable, notes=tuple(notes))
+        source[~hole] = places(shape)[~hole]
+    if (source < 0).any():
+        raise AssertionError("a pixel was not synthesised")
+    kept = maps.mask | hole if hole is not None and isinstance(maps, Relightable) and maps.mask is not None else None
+    return copied(maps, sample.maps, source, tileable=tileable, notes=tuple(notes), mask=kept)
 
 
 def _prepared(maps: Any, hole: Array | None, mask: Array | None, match: Any, weights: Any) -> SampleMaps:
@@ -189,11 +195,6 @@ def _prepared(maps: Any, hole: Array | None, mask: Array | None, match: Any, wei
     if not known.any():
         raise InputError("missing covers everything; there is no sample left to fill it from")
     return prepare(maps, mask=known, match=match, weights=weights)
-
-
-def _places(shape: tuple[int, int]) -> Array:
-    """Return (H, W, 2): each pixel's own place."""
-    return np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=2).astype(np.int32)
 
 
 def _pyramid(
@@ -216,10 +217,10 @@ def _pyramid(
     return found
 
 
-def _candidates(usable: Array, coarse_usable: Array | None, window: int, has_coarse: bool) -> Array:
+def _candidates(usable: Array, coarse_usable: Array | None, window: int) -> Array:
     """Return (M, 2) pixels whose window, and whose parent's 3 x 3 surroundings, lie in the sample and are usable."""
     whole = ndimage.minimum_filter(usable, window, mode="constant", cval=0)
-    if has_coarse and coarse_usable is not None:
+    if coarse_usable is not None:
         above = ndimage.minimum_filter(coarse_usable, 3, mode="constant", cval=0)
         whole = whole & np.repeat(np.repeat(above, 2, axis=0), 2, axis=1)[: usable.shape[0], : usable.shape[1]]
     return np.argwhere(whole)
@@ -242,13 +243,13 @@ def _grouped(level: Level, coarse: Level | None, candidates: Array, window: int,
 
 
 def _raster_waves(shape: tuple[int, int], window: int) -> tuple[Array, Array]:
-    """Return pixels (T, 2) in waves that see exactly what raster order would show them, and where each wave begins.
+    """Return pixels (T, 2) in waves, and where each wave begins.
 
-    A pixel needs ``reach`` columns to the right of it done in the row above.
+    A pixel needs the row above it done as far to the right as its window reaches: its wave sees what raster order would show
+    it. On a torus the left end of lower rows is there already when the right end of a row is reached, and is seen too.
     """
-    places = _places(shape).reshape(-1, 2)
-    wave = places[:, 1] + (window // 2 + 1) * places[:, 0]
-    return _in_waves(places, wave)
+    pixels = places(shape).reshape(-1, 2)
+    return _in_waves(pixels, pixels[:, 1] + (window // 2 + 1) * pixels[:, 0])
 
 
 def _shrinking_waves(hole: Array, window: int) -> tuple[Array, Array]:
@@ -256,13 +257,14 @@ def _shrinking_waves(hole: Array, window: int) -> tuple[Array, Array]:
     if hole.all():
         return _raster_waves(hole.shape, window)
     ring = np.ceil(ndimage.distance_transform_edt(hole)).astype(int)
-    places = np.argwhere(hole)
+    pixels = np.argwhere(hole)
     apart = window // 2 + 1
-    color = (places[:, 0] % apart) * apart + places[:, 1] % apart
-    return _in_waves(places, ring[hole] * apart * apart + color)
+    color = (pixels[:, 0] % apart) * apart + pixels[:, 1] % apart
+    return _in_waves(pixels, ring[hole] * apart * apart + color)
 
 
-def _in_waves(places: Array, wave: Array) -> tuple[Array, Array]:
+def _in_waves(pixels: Array, wave: Array) -> tuple[Array, Array]:
+    """Return pixels sorted by wave, and where each wave begins."""
     order = np.argsort(wave, kind="stable")
     starts = np.flatnonzero(np.diff(wave[order], prepend=wave[order[0]] - 1))
-    return places[order], np.append(starts, len(order))
+    return pixels[order], np.append(starts, len(order))

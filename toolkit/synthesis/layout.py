@@ -59,10 +59,11 @@ def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, co
     if continued:
         neighbour[1:, :-1, 3] = place[:-1, 1:]
     if tileable:
-        overlaps[:, -1, RIGHT] = block - (canvas[1] - xs[-1])
-        overlaps[-1, :, BOTTOM] = block - (canvas[0] - ys[-1])
+        # What reaches over the edge meets the first blocks.
+        overlaps[:, :, RIGHT] = np.maximum(xs + block - canvas[1], 0)[None, :]
+        overlaps[:, :, BOTTOM] = np.maximum(ys + block - canvas[0], 0)[:, None]
         if not continued:
-            neighbour[:, -1, 3] = neighbour[-1, :, 3] = -2
+            neighbour[:, :, 3][(overlaps[..., RIGHT] > 0) | (overlaps[..., BOTTOM] > 0)] = -2
     origin = np.stack(np.meshgrid(ys, xs, indexing="ij"), axis=2).astype(np.int32)
     waves = np.concatenate([[0], np.cumsum(np.bincount(wave.ravel()))])
     flat = [a.reshape(rows * columns, -1)[order] for a in (origin, np.minimum(overlaps, block), neighbour)]

@@ -39,20 +39,22 @@ class NearestWindows:
             self._points = np.ascontiguousarray(((windows - self._mean) @ self._axes).T)
         self._half = 0.5 * np.sum(self._points.astype(np.float64) ** 2, axis=0).astype(np.float32)
 
-    def find(self, queries: Array) -> tuple[Array, Array]:
-        """Return the nearest window of each query (Q, D), and the root mean square distance per value: (Q,), (Q,)."""
+    def find(self, queries: Array) -> Array:
+        """Return the nearest window of each query (Q, D): (Q,)."""
         index = np.zeros(len(queries), np.int64)
-        distance = np.zeros(len(queries), np.float32)
         rows = max(1, _TABLE // self._points.shape[1])
 
         def work(chunk: int) -> None:
             part = slice(chunk * rows, min((chunk + 1) * rows, len(queries)))
             query = (queries[part] - self._mean) @ self._axes
-            cost = self._half - query @ self._points
-            index[part] = np.argmin(cost, axis=1)
-            least = np.take_along_axis(cost, index[part, None], axis=1)[:, 0]
-            distance[part] = np.sqrt(np.maximum(2 * least + np.sum(query * query, axis=1), 0) / queries.shape[1])
+            index[part] = np.argmin(self._half - query @ self._points, axis=1)
 
         with single_threaded_blas():
             run_parallel(work, range(-(-len(queries) // rows)))
-        return index, distance
+        return index
+
+
+def rms_apart(a: Array, b: Array) -> Array:
+    """Return the root mean square difference of windows (M, D) that belong together: (M,)."""
+    found: Array = np.sqrt(np.mean((a - b) ** 2, axis=1))
+    return found

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.errors import InputError
+from intaglio.kernels.launch import single_threaded_blas
 from intaglio.photometric import PhotometricStack, Relightable, gradients_from_height, represent
 from intaglio.photometric.normals import surface_maps
 from intaglio.photometric.represent import integrable
@@ -85,7 +86,7 @@ def synthesize(
     known = inspect.signature(make).parameters
     for name in settings:
         if name not in known or name == "missing":
-            raise InputError(f"{method} has no option {name!r}; it has {', '.join(list(known)[2:])}")
+            raise InputError(f"{method} has no option {name!r}; it has {', '.join(n for n in list(known)[2:] if n != 'missing')}")
     if isinstance(source, PhotometricStack):
         source = represent(source, kind, color=color, robust=robust, device=device)
     if isinstance(source, Relightable) and source.kind == "height":
@@ -94,7 +95,14 @@ def synthesize(
 
 
 def synthesize_each_light(
-    source: PhotometricStack | Relightable, size: int | tuple[int, int], lights: Array, *, kind: str = "gradient", **settings: Any
+    source: PhotometricStack | Relightable,
+    size: int | tuple[int, int],
+    lights: Array,
+    *,
+    kind: str = "gradient",
+    color: str = "channels",
+    robust: bool = False,
+    **settings: Any,
 ) -> list[Synthesis]:
     """Relight first, then synthesise the image under each light on its own: the other order, for comparison.
 
@@ -108,8 +116,8 @@ def synthesize_each_light(
         Rows and columns of the results.
     lights : (L, 3) array
         Vectors towards the lights.
-    kind : str
-        Of a stack: how to represent it.
+    kind, color, robust
+        Of a stack: how to represent it, see `represent`.
     **settings
         Further options of `synthesize`.
 
@@ -119,7 +127,9 @@ def synthesize_each_light(
         One for each light; ``.maps`` (H, W, C) is its image.
     """
     towards = np.atleast_2d(checked_lights(lights))
-    texture = represent(source, kind, device=settings.get("device")) if isinstance(source, PhotometricStack) else source
+    texture = source
+    if isinstance(source, PhotometricStack):
+        texture = represent(source, kind, color=color, robust=robust, device=settings.get("device"))
     if not isinstance(texture, Relightable):
         raise InputError(f"source must be a PhotometricStack or a Relightable, not {type(source).__name__}")
     if texture.mask is not None:
@@ -146,6 +156,7 @@ def _by_height(texture: Relightable, size: Any, make: Callable[..., Synthesis], 
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(p * p + q * q + 1)
     scaled = (normal[..., None] * found.maps[None, ..., 1:]).astype(np.float32)
     made = replace(texture, maps=scaled, chroma=None, mask=None, height=heights.astype(np.float32), confidence=None)
+    made = replace(made, notes=(*texture.notes, "synthesised from a sample"))
     return replace(found, texture=made)
 
 
@@ -154,5 +165,6 @@ def _plane(height: Array, valid: Array) -> tuple[tuple[float, float], Array]:
     y, x = np.mgrid[: height.shape[0], : height.shape[1]]
     columns = np.stack([x.ravel(), -y.ravel(), np.ones(x.size)], axis=1)
     use = valid.ravel()
-    fitted = np.linalg.lstsq(columns[use], height.ravel()[use], rcond=None)[0]
+    with single_threaded_blas():
+        fitted = np.linalg.lstsq(columns[use], height.ravel()[use], rcond=None)[0]
     return (float(fitted[0]), float(fitted[1])), (columns @ fitted).reshape(height.shape)

@@ -9,7 +9,8 @@ import numpy as np
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.kernels.blocks import BlockLayer, Sample
+from intaglio.kernels.blocks import ROWS, BlockLayer, Sample
+from intaglio.kernels.lanes import LANES
 from intaglio.randomness import checked_seed, uniform
 from intaglio.synthesis.block_size import automatic_block
 from intaglio.synthesis.graph_cut import graph_cut_seams
@@ -17,23 +18,27 @@ from intaglio.synthesis.layout import plan
 from intaglio.synthesis.refine import refined
 from intaglio.synthesis.result import Synthesis, copied
 from intaglio.synthesis.sample import (
+    METRICS,
     SampleMaps,
     checked_choice,
     checked_count,
     checked_number,
     checked_size,
     prepare,
+    window_starts,
 )
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
 
-METRICS = ("absolute", "squared")
 CUTS = ("path", "graph", "none")
 CONTINUATIONS = ("shortcut", "search", "avoid")
 
 # What random numbers are for.
 _CHOICE = 40
+
+# Beyond this any block will do.
+_MOST_TOLERANCE = 1e6
 
 # The kernels index a sample by 32-bit numbers.
 _MOST_VALUES = 2**31 - 1
@@ -75,7 +80,7 @@ def quilt(
     overlap : int, optional
         How far blocks overlap, in pixels, less than ``block``. Default a third of it (section 5.4.3: 1/6 to 1/3).
     tolerance : float
-        A block is chosen among those whose difference is at most (1 + tolerance) times the least.
+        A block is chosen among those whose difference is at most (1 + tolerance) times the least; 0 to 1e6.
     metric : {"absolute", "squared"}
         Of differences: SAD (eq. 6.2.1) or SSD.
     cut : {"path", "graph", "none"}
@@ -84,7 +89,8 @@ def quilt(
     continuation : {"shortcut", "search", "avoid"}
         What to do where the sample itself goes on beside the blocks already laid. "shortcut" takes its next block unsearched
         if all neighbours agree on it (section 5.3.2); "search" compares it with all others, whose overlaps are seldom as
-        good; "avoid" leaves it out, so that nothing larger than a block is copied.
+        good; "avoid" leaves it, and what begins within half a block of it, out (less in samples of few blocks), so that copied
+        pieces are hardly larger than blocks.
     tileable : bool
         Make a result that wraps around without a seam; ``size`` must be at least ``block``.
     refine : int
@@ -121,7 +127,7 @@ def quilt(
     Image quilting (2001). Kwatra et al., Graphcut textures (2003).
     """
     shape = checked_size(size)
-    tolerance = checked_number("tolerance", tolerance, 0)
+    tolerance = checked_number("tolerance", tolerance, 0, _MOST_TOLERANCE)
     refine = checked_count("refine", refine, 0, 100)
     checked_choice("metric", metric, METRICS)
     checked_choice("cut", cut, CUTS)
@@ -136,7 +142,7 @@ def quilt(
     if tileable and min(shape) < side:
         raise InputError(f"size {shape[0]} x {shape[1]} is smaller than block ({side}); a tileable result must be as large")
 
-    usable = block_starts(sample.usable, side)
+    usable = window_starts(sample.usable, side)
     if not usable.any():
         raise InputError(f"mask leaves no block of {side} x {side} usable pixels; give a smaller block or a larger mask")
     blocks = plan(shape, side, int(lap), tileable=tileable, continued=continuation == "avoid")
@@ -159,7 +165,7 @@ def quilt(
     source = np.ascontiguousarray(layer.canvas[: shape[0], : shape[1]])
     notes = [note, f"{count} blocks of {side} pixels, overlapping by {int(lap)}"]
     if refine:
-        source = refined(
+        source, sides = refined(
             sample,
             source,
             block=side,
@@ -167,7 +173,8 @@ def quilt(
             tileable=tileable,
             progress=None if progress is None else lambda done, total: progress(count + 3 * count * done // total, steps),
         )
-        notes.append(f"refined, {refine} passes per window")
+        used = " and ".join(map(str, sides))
+        notes.append(f"refined, {refine} passes with windows of {used} pixels" if sides else "too small to be refined")
     return copied(maps, sample.maps, source, tileable=tileable, notes=tuple(notes))
 
 
@@ -180,13 +187,15 @@ def checked_block(sample: SampleMaps, block: int | str) -> tuple[int, str]:
         If it is no whole number, less than 2 or larger than the sample.
     """
     height, width = sample.usable.shape
-    if sample.features.size > _MOST_VALUES:
-        raise InputError(f"the sample has {sample.features.size} values, more than {_MOST_VALUES}; give a smaller part of it")
+    # As the kernels store it, with their padding.
+    values = len(sample.features) * (height + ROWS) * (width + LANES)
+    if values > _MOST_VALUES:
+        raise InputError(f"the sample has {values} values, more than {_MOST_VALUES}; give a smaller part of it")
     if min(height, width) < 2:
         raise InputError(f"the sample is {height} x {width} pixels, too small for blocks; give at least 2 x 2")
     if isinstance(block, str) and block == "auto":
         side, found = automatic_block(sample.features, sample.usable)
-        while side > 2 and not block_starts(sample.usable, side).any():
+        while side > 2 and not window_starts(sample.usable, side).any():
             side -= 1
         return side, f"block {side}: {found}"
     if not isinstance(block, int | np.integer) or isinstance(block, bool) or block < 2:
@@ -194,14 +203,6 @@ def checked_block(sample: SampleMaps, block: int | str) -> tuple[int, str]:
     if block > min(height, width):
         raise InputError(f"block {block} is larger than the sample, {height} x {width}; give at most {min(height, width)}")
     return int(block), f"block {block}, as given"
-
-
-def block_starts(usable: Array, block: int) -> Array:
-    """Return (H - block + 1, W - block + 1) bool: where a block holds usable pixels alone."""
-    summed = np.zeros((usable.shape[0] + 1, usable.shape[1] + 1), np.int64)
-    summed[1:, 1:] = np.cumsum(np.cumsum(~usable, axis=0), axis=1)
-    bad = summed[block:, block:] - summed[:-block, block:] - summed[block:, :-block] + summed[:-block, :-block]
-    return np.asarray(bad == 0)
 
 
 def _barred_radius(block: int, candidates: int) -> int:

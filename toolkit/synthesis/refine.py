@@ -13,8 +13,9 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.kernels.blocks import box_sums
-from intaglio.synthesis.nearest import NearestWindows
-from intaglio.synthesis.sample import SampleMaps
+from intaglio.synthesis.nearest import NearestWindows, rms_apart
+from intaglio.synthesis.result import places
+from intaglio.synthesis.sample import SampleMaps, window_starts
 
 Array = np.ndarray
 
@@ -30,6 +31,9 @@ _PER_SIDE = 4
 # Windows of the sample compared with; of larger samples so many, evenly spread.
 _MOST_WINDOWS = 40_000
 
+# Windows of the canvas matched at a time, to bound memory.
+_AT_ONCE = 16_384
+
 # Least distance in the weight of a window's vote, 1 / distance^1.2 (Kwatra et al. 2005, r = 0.8), in units of the range.
 _LEAST = 0.005
 
@@ -44,6 +48,8 @@ class _Windows:
         In pixels, a multiple of `_SIDE`.
     whole : (H, W) bool array
         Where a window may begin in the sample.
+    means : (n, H, W) array
+        The sample's means over the boxes that are compared.
     corner : (M, 2) array
         First pixels of the windows that are searched.
     nearest : NearestWindows
@@ -51,6 +57,7 @@ class _Windows:
 
     side: int
     whole: Array
+    means: Array
     corner: Array
     nearest: NearestWindows
 
@@ -63,8 +70,8 @@ def refined(
     passes: int,
     tileable: bool,
     progress: Callable[[int, int], None] | None = None,
-) -> Array:
-    """Return provenance (H, W, 2) in which visible seams of ``source`` are gone.
+) -> tuple[Array, list[int]]:
+    """Return provenance (H, W, 2) in which visible seams of ``source`` are gone, and the sides of the windows used.
 
     Parameters
     ----------
@@ -85,21 +92,19 @@ def refined(
     Kwatra et al., Texture optimization for example-based synthesis (2005); Han et al., Fast example-based surface texture
     synthesis via discrete optimization (2006).
     """
-    most = min(1.25 * block, *source.shape[:2], *sample.usable.shape)
-    sides = [s for s in SIDES if s <= most]
+    most = min(max(SIDES[-1], 1.25 * block), *source.shape[:2], *sample.usable.shape)
+    sizes = [_sample_windows(sample, side) for side in SIDES if side <= most]
+    found = [windows for windows in sizes if windows is not None]
     source = source.astype(np.int64)
-    done = 0
-    for side in sides:
-        windows = _sample_windows(sample, side)
-        if windows is None:
-            continue
+    for place, windows in enumerate(found):
         values = _read(sample.features, source)
         for number in range(passes):
             source, values = _pass(sample.features, windows, source, values, tileable, copy=number == passes - 1)
-            done += 1
             if progress is not None:
-                progress(done, passes * len(sides))
-    return source.astype(np.int32)
+                progress(place * passes + number + 1, passes * len(found))
+    if progress is not None and not found:
+        progress(1, 1)
+    return source.astype(np.int32), [windows.side for windows in found]
 
 
 def _read(features: Array, source: Array) -> Array:
@@ -109,21 +114,25 @@ def _read(features: Array, source: Array) -> Array:
 
 def _sample_windows(sample: SampleMaps, side: int) -> _Windows | None:
     """Return the sample's windows of ``side`` pixels; None if it has none."""
-    whole = ndimage.minimum_filter(sample.usable, side, origin=-(side // 2), mode="constant", cval=0)
-    # The filter's window begins at the pixel itself.
+    whole = window_starts(sample.usable, side)
     corner = np.argwhere(whole)
     if len(corner) == 0:
         return None
     if len(corner) > _MOST_WINDOWS:
         corner = corner[np.linspace(0, len(corner) - 1, _MOST_WINDOWS).astype(int)]
-    return _Windows(side, whole, corner, NearestWindows(_descriptors(sample.features, corner, side)))
+    means = _box_means(sample.features, side)
+    return _Windows(side, whole, means, corner, NearestWindows(_descriptors(means, corner, side)))
 
 
-def _descriptors(planes: Array, corner: Array, side: int) -> Array:
-    """Return what is compared of the windows at ``corner``: (M, 64 n), means over boxes."""
+def _box_means(planes: Array, side: int) -> Array:
+    """Return means over the boxes in which windows of ``side`` pixels are compared, from each pixel on."""
     box = side // _SIDE
-    means = box_sums(planes, box) / np.float32(box * box) if box > 1 else planes
-    at = np.arange(_SIDE) * box
+    return box_sums(planes, box) / np.float32(box * box) if box > 1 else planes
+
+
+def _descriptors(means: Array, corner: Array, side: int) -> Array:
+    """Return what is compared of the windows at ``corner``: (M, 64 n), of `_box_means`."""
+    at = np.arange(_SIDE) * (side // _SIDE)
     y = corner[:, 0, None, None] + at[None, :, None]
     x = corner[:, 1, None, None] + at[None, None, :]
     return np.ascontiguousarray(np.moveaxis(means[:, y, x], 0, 1).reshape(len(corner), -1))
@@ -137,10 +146,11 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     if len(corner) == 0:
         return source, values
     around = np.pad(values, ((0, 0), (0, side), (0, side)), mode="wrap") if tileable else values
-    match, distance = _matches(features, windows, source, corner, _descriptors(around, corner, side))
+    match, distance = _matches(windows, source, corner, _box_means(around, side))
     weight = (distance + _LEAST) ** -1.2
 
-    # Windows whose corners fall on one of 16 cells of the grid don't overlap: a layer of proposals for the whole canvas.
+    # Windows whose corners fall on one of 16 cells of the grid don't overlap (but for a few where a torus closes, where the
+    # last one counts): a layer of proposals for the whole canvas.
     layer = (corner[:, 0] // step % _PER_SIDE) * _PER_SIDE + corner[:, 1] // step % _PER_SIDE
     falloff = np.hanning(side + 2)[1:-1]
     falloff = (falloff[:, None] * falloff[None, :]).astype(np.float32)
@@ -171,34 +181,34 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     return chosen, _read(features, chosen)
 
 
-def _matches(features: Array, windows: _Windows, source: Array, corner: Array, query: Array) -> tuple[Array, Array]:
-    """Return the sample's window nearest to each query (M, 2), and its distance (M,).
+def _matches(windows: _Windows, source: Array, corner: Array, means: Array) -> tuple[Array, Array]:
+    """Return the sample's window nearest to each of the canvas' windows at ``corner`` (M, 2), and its distance (M,).
 
     Besides the nearest of those that are searched, the windows that continue what was copied to the middle of a window or to
-    the middles of its quarters are candidates.
+    the middles of its quarters are candidates. ``means``: the canvas', from `_box_means`.
     """
     side = windows.side
-    match = windows.corner[windows.nearest.find(query)[0]]
-    distance = _distance(features, match, side, query)
+    match = np.zeros_like(corner)
+    distance = np.zeros(len(corner), np.float32)
     rows, columns = source.shape[:2]
-    for down, right in ((2, 2), (1, 1), (1, 3), (3, 1), (3, 3)):
-        step = np.array([down * side // 4, right * side // 4])
-        at = (corner + step) % (rows, columns)
-        continued = source[at[:, 0], at[:, 1]] - step
-        inside = ((continued >= 0) & (continued < windows.whole.shape)).all(axis=1)
-        inside[inside] = windows.whole[tuple(continued[inside].T)]
-        there = np.flatnonzero(inside)
-        away = _distance(features, continued[there], side, query[there])
-        nearer = away < distance[there]
-        distance[there[nearer]] = away[nearer]
-        match[there[nearer]] = continued[there[nearer]]
+    for first in range(0, len(corner), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        query = _descriptors(means, corner[part], side)
+        best = windows.corner[windows.nearest.find(query)]
+        least = rms_apart(_descriptors(windows.means, best, side), query)
+        for down, right in ((2, 2), (1, 1), (1, 3), (3, 1), (3, 3)):
+            step = np.array([down * side // 4, right * side // 4])
+            at = (corner[part] + step) % (rows, columns)
+            continued = source[at[:, 0], at[:, 1]] - step
+            inside = ((continued >= 0) & (continued < windows.whole.shape)).all(axis=1)
+            inside[inside] = windows.whole[tuple(continued[inside].T)]
+            there = np.flatnonzero(inside)
+            away = rms_apart(_descriptors(windows.means, continued[there], side), query[there])
+            nearer = there[away < least[there]]
+            least[nearer] = away[away < least[there]]
+            best[nearer] = continued[nearer]
+        match[part], distance[part] = best, least
     return match, distance
-
-
-def _distance(features: Array, corner: Array, side: int, query: Array) -> Array:
-    """Return the root mean square difference between the sample's windows at ``corner`` and the queries."""
-    found: Array = np.sqrt(np.mean((_descriptors(features, corner, side) - query) ** 2, axis=1))
-    return found
 
 
 def _broken_windows(source: Array, side: int, step: int, tileable: bool) -> Array:
@@ -208,7 +218,7 @@ def _broken_windows(source: Array, side: int, step: int, tileable: bool) -> Arra
     """
     height, width = source.shape[:2]
     wide = np.pad(source, ((0, side), (0, side), (0, 0)), mode="wrap") if tileable else source
-    offset = wide - np.stack(np.meshgrid(*[np.arange(n) for n in wide.shape[:2]], indexing="ij"), axis=2)
+    offset = wide - places(wide.shape)
     breaks = np.zeros(wide.shape[:2], np.int64)
     breaks[:, 1:] |= (np.diff(offset, axis=1) != 0).any(axis=2)
     below = np.zeros(wide.shape[:2], np.int64)

@@ -15,7 +15,7 @@ from intaglio.images import write_exr
 from intaglio.photometric import Relightable, light_direction
 from intaglio.render.compare import decode_srgb
 from intaglio.synthesis.assess import SynthesisReport
-from intaglio.synthesis.result import Synthesis
+from intaglio.synthesis.result import Synthesis, places
 
 Array = np.ndarray
 
@@ -87,11 +87,10 @@ def write_synthesis_report(
         last = list(next(iter(rows.values())).values())[-1]
         body.append(picture_row("Tiled two by two", {"no line should be seen": np.tile(last, (2, 2, 1))}))
     shape = sample.maps.shape[1:3] if isinstance(sample, Relightable) else np.asarray(sample).shape[:2]
-    places = np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=2)
     body.append(
         _sized_row(
             "Where each pixel was copied from",
-            {"places of the sample": source_picture(places, shape), "result": source_picture(result.source, shape)},
+            {"places of the sample": source_picture(places(shape), shape), "result": source_picture(result.source, shape)},
         )
     )
     body.append(listing("Figures", report.lines()))

@@ -19,7 +19,8 @@ class Synthesis:
     Attributes
     ----------
     maps : (H, W, n) array
-        Copies of the sample's values: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly.
+        Copies of the sample's values: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly. (Heights of a
+        `Relightable` of kind ``"height"`` are copied less the sample's plane of best fit.)
     source : (H, W, 2) int32 array
         Row and column in the sample of each pixel.
     texture : Relightable, optional
@@ -41,14 +42,24 @@ class Synthesis:
         return sample[self.source[..., 0], self.source[..., 1]]
 
 
-def copied(maps: Any, values: Array, source: Array, *, tileable: bool, notes: tuple[str, ...]) -> Synthesis:
-    """Return the result whose pixels are copied from ``values`` (H, W, n), the planes of ``maps``."""
-    texture = copied_texture(maps, source) if isinstance(maps, Relightable) else None
+def places(shape: tuple[int, ...]) -> Array:
+    """Return (H, W, 2) int32: each pixel's own row and column."""
+    return np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=2).astype(np.int32)
+
+
+def copied(
+    maps: Any, values: Array, source: Array, *, tileable: bool, notes: tuple[str, ...], mask: Array | None = None
+) -> Synthesis:
+    """Return the result whose pixels are copied from ``values`` (H, W, n), the planes of ``maps``.
+
+    ``mask``: pixels of the result, as a texture, that can be used; default all.
+    """
+    texture = copied_texture(maps, source, mask) if isinstance(maps, Relightable) else None
     return Synthesis(np.ascontiguousarray(values[source[..., 0], source[..., 1]]), source, texture, tileable, notes)
 
 
-def copied_texture(texture: Relightable, source: Array) -> Relightable:
-    """Return a texture whose pixels are those of ``texture`` at ``source``; all of them are usable, so it has no mask."""
+def copied_texture(texture: Relightable, source: Array, mask: Array | None) -> Relightable:
+    """Return a texture whose pixels are those of ``texture`` at ``source``."""
     at = (source[..., 0], source[..., 1])
 
     def moved(plane: Array | None) -> Array | None:
@@ -60,6 +71,6 @@ def copied_texture(texture: Relightable, source: Array) -> Relightable:
         chroma=moved(texture.chroma),
         height=moved(texture.height),
         confidence=moved(texture.confidence),
-        mask=None,
+        mask=mask,
         notes=(*texture.notes, "synthesised from a sample"),
     )

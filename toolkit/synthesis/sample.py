@@ -13,6 +13,8 @@ from intaglio.photometric.relightable import Relightable
 
 Array = np.ndarray
 
+METRICS = ("absolute", "squared")
+
 
 @dataclass(frozen=True)
 class SampleMaps:
@@ -31,6 +33,14 @@ class SampleMaps:
     maps: Array
     features: Array
     usable: Array
+
+
+def window_starts(usable: Array, side: int) -> Array:
+    """Return (H - side + 1, W - side + 1) bool: where a window of ``side`` x ``side`` usable pixels begins."""
+    summed = np.zeros((usable.shape[0] + 1, usable.shape[1] + 1), np.int64)
+    summed[1:, 1:] = np.cumsum(np.cumsum(~usable, axis=0), axis=1)
+    bad = summed[side:, side:] - summed[:-side, side:] - summed[side:, :-side] + summed[:-side, :-side]
+    return np.asarray(bad == 0)
 
 
 def texture_planes(texture: Relightable) -> Array:
@@ -129,7 +139,7 @@ def prepare(
 
 
 def _equal_range(compared: Array, usable: Array, weights: Sequence[float] | Array | None) -> Array:
-    """Return maps as (n, H, W) float32 planes from 0 to their weight; 0 where not usable."""
+    """Return maps as (n, H, W) float32 planes from 0 to their weight, the largest being 1; 0 where not usable."""
     count = compared.shape[2]
     try:
         factor = np.ones(count) if weights is None else np.asarray(weights, np.float64)
@@ -137,6 +147,7 @@ def _equal_range(compared: Array, usable: Array, weights: Sequence[float] | Arra
         raise InputError(f"weights must be {count} numbers ({error})") from error
     if factor.shape != (count,) or not np.isfinite(factor).all() or (factor < 0).any() or not factor.any():
         raise InputError(f"weights must be {count} finite numbers, none negative and not all 0; given: {weights!r}")
+    factor = factor / factor.max()
     planes = np.zeros((count, *usable.shape), np.float32)
     for c in range(count):
         plane = compared[:, :, c].astype(np.float64)
