@@ -23,8 +23,8 @@ def _starts(length: int, block: int, overlap: int, wrap: bool) -> Array:
 def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, continued: bool) -> Blocks:
     """Return the blocks that cover ``shape``, in waves whose order is as good as raster order.
 
-    A block comes a wave after the last block before it, in raster order, that it touches: so every block meets exactly what
-    it would meet in raster order, and blocks of one wave don't touch.
+    A block comes in a later wave than all blocks before it, in raster order, that it touches: so every block meets exactly
+    what it would meet in raster order, and blocks of one wave don't touch.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, co
     ys, xs = (_starts(n, block, overlap, tileable) for n in shape)
     rows, columns = len(ys), len(xs)
     canvas = shape if tileable else (int(ys[-1]) + block, int(xs[-1]) + block)
-    reach = -(-block // int(min(np.diff(ys).min(initial=block), np.diff(xs).min(initial=block))))
-    wave = np.zeros((rows, columns), int)
-    for i in range(rows):
-        for j in range(columns):
-            before = _before(i, j, rows, columns, reach, tileable)
-            wave[i, j] = 1 + max((wave[a, b] for a, b in before), default=-1)
+    # A block touches those of the row above as far as ``reach - 1`` columns to the right of it; on a torus the first block of a
+    # row touches the last one of the row above, and nothing can be laid at the same time.
+    step = int(min(np.diff(ys).min(initial=block), np.diff(xs).min(initial=block)))
+    reach = -(-block // step)
+    row, column = np.indices((rows, columns))
+    wave = row * columns + column if tileable else row * reach + column
     order = np.argsort(wave.ravel(), kind="stable")
     place = np.argsort(order).reshape(rows, columns)
 
@@ -68,16 +68,3 @@ def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, co
     waves = np.concatenate([[0], np.cumsum(np.bincount(wave.ravel()))])
     flat = [a.reshape(rows * columns, -1)[order] for a in (origin, np.minimum(overlaps, block), neighbour)]
     return Blocks(block, flat[0], flat[1], flat[2], waves, canvas)
-
-
-def _before(i: int, j: int, rows: int, columns: int, reach: int, wrap: bool) -> set[tuple[int, int]]:
-    """Return the blocks before (i, j) in raster order that it touches, or may touch."""
-    found = set()
-    for di in range(-reach + 1, reach):
-        for dj in range(-reach + 1, reach):
-            a, b = i + di, j + dj
-            if wrap:
-                a, b = a % rows, b % columns
-            if 0 <= a < rows and 0 <= b < columns and (a, b) < (i, j):
-                found.add((a, b))
-    return found
