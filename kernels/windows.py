@@ -432,6 +432,8 @@ class WindowSearch:
         done : callable, optional
             Called with the number of targets synthesised.
         """
+        if len(targets) == 0:
+            return
         device = self.device
         target = wp.array(np.ascontiguousarray(targets, np.int32), dtype=wp.vec2i, device=device)
         searched = wp.array(exhaustive.astype(np.uint8), dtype=wp.uint8, device=device)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 from skimage import data
 from stacks import noisy, scattered, write_capture
 
-from intaglio import read_exr, read_image, read_relightable, write_image
+from intaglio import read_exr, read_image, read_relightable, write_exr, write_image
 
 
 @pytest.fixture
@@ -101,6 +102,9 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
     other = tmp_path / "other.png"
     write_image(np.zeros((5, 6)), other)
     (tmp_path / "text.png").write_text("no image")
+    write_image(np.zeros((60, 70)), tmp_path / "black.png")
+    tifffile.imwrite(tmp_path / "wide.tif", np.zeros((60, 70), np.uint32))
+    write_exr({"Y": np.full((60, 70), np.nan)}, tmp_path / "nan.exr")
     out = ["-o", tmp_path / "o.png", "--size", "50x50"]
     for words, message in [
         ([sample, "-o", sample, "--size", "50x50"], "is the input itself"),
@@ -116,6 +120,11 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         ([capture, *out], "unknown texture type"),
         ([sample, *out, "--block", "900"], "larger than the sample"),
         ([sample, *out, "--block", "big"], "neither a number"),
+        ([sample, *out, "--block", "²"], "neither a number"),
+        ([sample, *out, "--kind", "ptm"], "--kind is for photographs"),
+        ([sample, *out, "--mask", tmp_path / "black.png"], "black.png: leaves no pixel"),
+        ([tmp_path / "wide.tif", *out], "wide.tif: holds uint32"),
+        ([tmp_path / "nan.exr", *out], "nan.exr: has values that are not finite"),
         ([sample, *out, "--block", "10", "--overlap", "10"], "overlap must be"),
         ([sample, *out, "--method", "grow", "--block", "10"], "--block is for --method quilt"),
         ([sample, *out, "--window", "5"], "--window is for --method grow"),
@@ -130,6 +139,41 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         assert message in errors
         assert "Traceback" not in errors
     assert not (tmp_path / "o.png").exists()
+
+
+def test_no_input_is_overwritten(run, sample, tmp_path):
+    """Masks and photographs are inputs as well, and provenance is an output."""
+    mask = np.ones((60, 70))
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    stack = write_capture(tmp_path / "capture", noisy(scattered(9), height=20, width=20))
+    first = sorted((tmp_path / "capture").glob("*.exr"))[0]
+    other = tmp_path / "other.png"
+    write_image(mask, other)
+    for given, words in [
+        (tmp_path / "m.png", [sample, "-o", tmp_path / "m.png", "--mask", tmp_path / "m.png"]),
+        (tmp_path / "big.source.exr", [sample, "-o", tmp_path / "big.png", "--mask", tmp_path / "big.source.exr"]),
+        (folder / "other.png", [sample, other, "-o", folder, "--mask", folder / "other.png"]),
+        (folder / "source.exr", [sample, other, "-o", folder, "--mask", folder / "source.exr"]),
+        (first, [stack, "-o", first]),
+    ]:
+        if not given.exists():
+            write_image(mask, given)
+        before = given.read_bytes()
+        status, _, errors = run("synthesize", *words, "--size", "80x80")
+        assert status == 2
+        assert "inputs are never overwritten" in errors
+        assert given.read_bytes() == before
+        if given != first:
+            given.unlink()
+    text = stack.read_text().replace(first.name, "a.source.exr")
+    stack.write_text(text)
+    photograph = first.rename(first.with_name("a.source.exr"))
+    before = photograph.read_bytes()
+    status, _, errors = run("synthesize", stack, "-o", photograph.with_name("a.exr"), "--size", "40x40")
+    assert status == 2
+    assert "is the input itself" in errors
+    assert photograph.read_bytes() == before
 
 
 def test_ranks(run, tmp_path):

@@ -198,8 +198,8 @@ def test_nothing_missing_changes_nothing():
         ({}, "either size"),
         ({"size": 5, "missing": np.ones((20, 20), bool)}, "either size"),
         ({"missing": np.ones((20, 20), bool)}, "covers everything"),
-        ({"missing": np.ones((20, 21), bool)}, "missing is"),
-        ({"missing": np.zeros((20, 20))}, "bool array"),
+        ({"missing": np.ones((20, 21), bool)}, "missing must be"),
+        ({"missing": np.zeros((20, 20))}, "not float64"),
         ({"missing": np.eye(20, dtype=bool), "tileable": True}, "new textures"),
         ({"missing": np.eye(20, dtype=bool), "exhaustive": 0.5}, "new textures"),
         ({"size": 30, "window": 4}, "odd"),
@@ -245,3 +245,20 @@ def test_a_texture_that_is_filled_keeps_its_mask():
     result = grow(Relightable("gradient", maps, LambertBasis(), mask=mask), missing=hole)
     np.testing.assert_array_equal(result.texture.mask, mask | hole)
     assert mask[result.source[hole][:, 0], result.source[hole][:, 1]].all()
+
+
+@pytest.mark.parametrize("hole", [np.s_[50, 60], np.s_[50:53, 60:63], np.s_[40], np.s_[:, 0], np.s_[::9, ::7], np.s_[0, 0]])
+def test_small_holes_are_filled(hole):
+    image = data.gravel()[:96, :96] / 255.0
+    missing = np.zeros(image.shape, bool)
+    missing[hole] = True
+    result = grow(np.where(missing, np.nan, image), missing=missing)
+    np.testing.assert_array_equal(result.maps[~missing][:, 0], image[~missing])
+    assert np.isfinite(result.maps).all()
+
+
+def test_levels_fit_what_is_usable():
+    mask = np.zeros((128, 128), bool)
+    mask[50:62, 50:62] = True
+    result = grow(np.random.default_rng(0).random((128, 128)), 40, mask=mask)
+    assert mask[result.source[..., 0], result.source[..., 1]].all()

@@ -325,3 +325,36 @@ def test_small_blocks_are_refined_as_far_as_they_can_be():
     assert result.notes[-1] == "refined, 2 passes with windows of 8 pixels"
     assert seen[-1][0] == seen[-1][1]
     assert quilt(sample[:7, :7], 60, 3, refine=1).notes[-1] == "too small to be refined"
+
+
+@pytest.mark.parametrize(("size", "block", "overlap"), [(64, 16, 8), (24, 16, 5), (20, 10, 6)])
+def test_graph_cuts_close_a_torus_whose_overlaps_meet(size, block, overlap):
+    sample = data.gravel()[:64, :64] / 255.0
+    wraps = {}
+    for name, options in {"path": {"tileable": True}, "graph": {"tileable": True, "cut": "graph"}, "open": {}}.items():
+        values = quilt(sample, size, block, overlap, seed=1, **options).maps[..., 0]
+        jumps = [np.abs(np.take(values, 0, axis) - np.take(values, -1, axis)).mean() for axis in (0, 1)]
+        wraps[name] = np.mean(jumps) / np.abs(np.diff(values, axis=1)).mean()
+    assert wraps["graph"] < 1.25 * wraps["path"]
+    assert wraps["graph"] < 0.75 * wraps["open"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"size": (37, 50), "block": 33, "overlap": 1, "continuation": "avoid", "tolerance": 0},
+        {"size": (70, 64), "block": 64, "overlap": 32, "cut": "none", "tileable": True, "continuation": "avoid"},
+    ],
+)
+def test_refinement_of_few_windows(options):
+    sample = data.gravel()[:64, :64] / 255.0
+    result = quilt(sample, refine=2, **options)
+    np.testing.assert_array_equal(result.maps, copies(sample, result))
+
+
+def test_masked_arrays_and_ragged_masks_are_refused():
+    sample = np.random.default_rng(0).random((20, 20))
+    with pytest.raises(InputError, match="masked array"):
+        quilt(np.ma.masked_greater(sample, 0.9), 30)
+    with pytest.raises(InputError, match="mask must be"):
+        quilt(sample, 30, mask=[[1], [1, 2]])

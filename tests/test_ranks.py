@@ -121,12 +121,23 @@ def test_tables_are_read_one_below_the_other(tmp_path):
     names, ranks = read_ranks([tmp_path / "a.csv", tmp_path / "b.csv"])
     assert names == ["x", "y", "z"]
     np.testing.assert_array_equal(ranks, [[1, 2, 3], [3, 2, 1]])
-    assert read_ranks([tmp_path / "a.csv"], ["y", "x"])[1].tolist() == [[2, 1]]
+    assert read_ranks(tmp_path / "a.csv", ["z", "x"])[1].tolist() == [[2, 1]]
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("x,y,z\n1,2,a\n", "line 2"), ("x,y,z\n1,2\n", "line 2"), ("x,y,z\n", "holds no ranks"), ("\x00\xff", "no")],
+    [
+        ("x,y,z\n\n1,2,a\n", "line 3: a rank is no number"),
+        ("x,y,z\n1,2\n", "line 2: has 2 cells"),
+        ("x,y,z\n1,2,3,4\n", "line 2: has 4 cells"),
+        ("x,y,z\n1,2,4\n", "line 2: ranks of 3 methods"),
+        ("x,y,z\n1,2,nan\n", "line 2: ranks of 3 methods"),
+        ("x,y,z\n", "holds no ranks"),
+        ("x;y;z\n1;2;3\n", "at least 3 methods"),
+        ("x,y,y\n1,2,3\n", "each once"),
+        ("\x00\xff", "no table of ranks"),
+        (" ", "first line"),
+    ],
 )
 def test_bad_tables_are_named(text, message, tmp_path):
     path = tmp_path / "ranks.csv"
@@ -136,5 +147,10 @@ def test_bad_tables_are_named(text, message, tmp_path):
     (tmp_path / "c.csv").write_text("x,y,z\n1,2,3\n")
     with pytest.raises(FileError, match="has no column w"):
         read_ranks([tmp_path / "c.csv"], ["w"])
+    (tmp_path / "d.csv").write_text("x,y,z,w\n1,2,3,4\n")
+    with pytest.raises(FileError, match="has more than x, y, z"):
+        read_ranks([tmp_path / "c.csv", tmp_path / "d.csv"])
+    with pytest.raises(InputError, match="named twice"):
+        read_ranks([tmp_path / "c.csv"], ["x", "x", "y"])
     with pytest.raises(InputError, match="at least one"):
         read_ranks([])

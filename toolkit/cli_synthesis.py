@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -58,8 +59,15 @@ class _Images:
             dtype = read_samples(path).dtype
             if dtype.kind == "f" and path.suffix.lower() != ".exr":
                 raise InputError(f"{path}: holds floats, which only EXR could hold of the result; convert it to .exr")
+            if dtype.kind in "iu" and dtype not in (np.uint8, np.uint16):
+                raise InputError(
+                    f"{path}: holds {dtype} values; the result has 8 or 16 bits, convert it to one of them or to .exr"
+                )
             image = read_image(path)
             image = image[:, :, None] if image.ndim == 2 else image
+            if image.shape[2] == 2 or not np.isfinite(image).all():
+                what = "2 channels; give 1, 3 or 4" if image.shape[2] == 2 else "values that are not finite"
+                raise InputError(f"{path}: has {what}")
             if values and image.shape[:2] != values[0].shape[:2]:
                 first = values[0].shape
                 raise InputError(
@@ -144,36 +152,29 @@ def synthesize(
                 raise InputError(f"--{name} is for --method {other}")
             settings.pop(name)
     if method == "quilt" and settings["block"] != "auto":
-        if not str(settings["block"]).isdigit():
+        if not re.fullmatch("[0-9]{1,6}", str(settings["block"])):
             raise InputError(f"--block {settings['block']!r} is neither a number of pixels nor auto")
         settings["block"] = int(settings["block"])
     device_or_error(settings["device"])
     if report is not None:
         known_suffix(report, (".html", ".htm"), "report")
-        check_writable(report, inputs=samples)
     first = samples[0]
     for path in samples:
         if not os.path.isdir(path):
             check_readable(path)
-    where = None
-    if source:
-        several = len(samples) > 1
-        where = output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")
-        if several and any(_image_name(path) == SOURCE for path in samples):
-            raise InputError(
-                f"a map called {SOURCE} would be overwritten by where pixels came from; rename it or give --no-source"
-            )
-        if not several or output.is_dir():
-            check_writable(where, inputs=samples)
+    inputs = [*samples, *([mask] if mask is not None else [])]
+    several = len(samples) > 1
+    where = (output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")) if source else None
+    others = [path for path in (where, report) if path is not None]
     start = time.perf_counter()
     settings |= {"size": (height, width), "method": method}
-    if len(samples) == 1 and (os.path.isdir(first) or first.suffix.lower() in STACK_SUFFIXES or is_texture(first)):
+    if not several and (os.path.isdir(first) or first.suffix.lower() in STACK_SUFFIXES or is_texture(first)):
         known_suffix(output, TEXTURE_SUFFIXES, "texture")
-        check_writable(output, inputs=samples)
+        _check_outputs([output, *others], inputs)
         if maps is not None:
             check_folder(maps)
         texture, inputs = _texture(first, kind, color, robust, response, mask, sphere, circle, grey, settings["device"])
-        check_writable(output, inputs=tuple(inputs))
+        _check_outputs([output, *others], inputs)
         spare_inputs(inputs, output, maps)
         given: Any = texture
         result = _made(texture, settings)
@@ -185,7 +186,7 @@ def synthesize(
             if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
                 what = "relightable textures and photographs" if name == "maps" else "photographs"
                 raise InputError(f"--{name} is for {what} under known lights")
-        _known_images(samples, output)
+        _check_outputs(_image_outputs(samples, output, source) + others, inputs)
         images = _Images(samples)
         given = images.values
         usable = _usable(images, mask)
@@ -238,25 +239,33 @@ def _made(sample: Any, settings: dict[str, Any]) -> Synthesis:
         return synthesize_texture(sample, progress=bar.update, **settings)
 
 
-def _known_images(samples: tuple[Path, ...], output: Path) -> None:
-    """Raise `InputError` unless the samples are images and the output fits them."""
+def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
+    """Raise unless all outputs can be written and none is an input; a folder that is yet to be made holds no input."""
+    for path in outputs:
+        if path.parent.is_dir() or len(outputs) == 1:
+            check_writable(path, inputs=tuple(inputs))
+
+
+def _image_outputs(samples: tuple[Path, ...], output: Path, source: bool) -> list[Path]:
+    """Return the images that will be written; `InputError` unless the samples are images and the output fits them."""
     for path in samples:
         if os.path.isdir(path) or path.suffix.lower() in STACK_SUFFIXES:
             raise InputError(f"{path}: photographs under known lights are given alone, not among images")
         known_suffix(path, READABLE_SUFFIXES, "image")
     if len(samples) == 1:
         known_suffix(output, IMAGE_SUFFIXES, "image")
-        check_writable(output, inputs=samples)
-        return
+        if not output.parent.is_dir():
+            check_writable(output)
+        return [output]
     if output.suffix.lower() in IMAGE_SUFFIXES:
         raise InputError(f"{output}: several maps give several images; give a folder")
     check_folder(output)
     names = [_image_name(path) for path in samples]
     if len(set(names)) < len(names):
         raise InputError(f"two of the maps would be written as one file; rename them: {', '.join(map(str, samples))}")
-    for path, name in zip(samples, names, strict=True):
-        if any((output / n).exists() and os.path.samefile(output / n, path) for n in (*names, path.name)) and name == path.name:
-            raise InputError(f"{output / name}: is the input itself; inputs are never overwritten, give another folder")
+    if source and SOURCE in names:
+        raise InputError(f"a map called {SOURCE} would be overwritten by where pixels came from; rename it or give --no-source")
+    return [output / name for name in names]
 
 
 def _image_name(path: Path) -> str:
@@ -267,6 +276,8 @@ def _image_name(path: Path) -> str:
 def _usable(images: _Images, mask: Path | None) -> Array | None:
     """Return pixels that may be used: opaque ones, inside the mask."""
     if mask is None:
+        if images.opaque is not None and not images.opaque.any():
+            raise InputError(f"{', '.join(map(str, images.paths))}: all transparent, there is nothing to copy")
         return images.opaque
     given = read_image(mask, linear=True)
     given = given[:, :, :3].mean(axis=2) if given.ndim == 3 else given
@@ -274,7 +285,10 @@ def _usable(images: _Images, mask: Path | None) -> Array | None:
         height, width = images.values.shape[:2]
         raise InputError(f"{mask}: is {given.shape[1]} x {given.shape[0]} pixels, the sample is {width} x {height}")
     inside: Array = given > 0.5
-    return inside if images.opaque is None else inside & images.opaque
+    inside = inside if images.opaque is None else inside & images.opaque
+    if not inside.any():
+        raise InputError(f"{mask}: leaves no pixel of the sample; white marks pixels that may be used")
+    return inside
 
 
 def _write_images(images: _Images, result: Synthesis, output: Path) -> list[Path]:
@@ -320,6 +334,8 @@ def rank(
         click.echo(f"wrote {output}: {len(trials)} textures, {count} methods in random order")
         return
     if output is not None:
+        if not inputs[0].exists():
+            raise InputError(f"{inputs[0]}: no such folder; -o writes the page of a study")
         raise InputError("-o is for the page of a study's folder; ranks are printed")
     wanted = None if methods is None else [m.strip() for m in methods.split(",") if m.strip()]
     names, ranks = read_ranks(inputs, wanted)

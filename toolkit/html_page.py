@@ -33,7 +33,7 @@ def write_page(path: str | os.PathLike[str], title: str, body: Sequence[str]) ->
         f"<body><h1>{html.escape(title)}</h1>{''.join(body)}</body></html>"
     )
     with whole_file(Path(path)) as beside:
-        beside.write_text(page, encoding="utf-8")
+        beside.write_bytes(page.encode("utf-8", "replace"))
 
 
 def picture_row(heading: str, pictures: Mapping[str, Array]) -> str:

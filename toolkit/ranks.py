@@ -131,15 +131,17 @@ def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
     return MultipleComparison(float(critical), tuple(groups), different, mean)
 
 
-def read_ranks(paths: Sequence[str | os.PathLike[str]], methods: Sequence[str] | None = None) -> tuple[list[str], Array]:
+def read_ranks(
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], methods: Sequence[str] | None = None
+) -> tuple[list[str], Array]:
     """Read tables of ranks (CSV with a header), one below the other.
 
     Parameters
     ----------
-    paths : sequence of path
+    paths : path, or sequence of paths
         Each with a column per method; columns texture, observer, misprint and comment are passed over.
     methods : sequence of str, optional
-        Columns to take; default all others.
+        Columns to take, ranked among themselves; default all others.
 
     Returns
     -------
@@ -151,36 +153,59 @@ def read_ranks(paths: Sequence[str | os.PathLike[str]], methods: Sequence[str] |
     FileError, InputError
         If a file can't be read, has other columns than the first, or holds something that is no number.
     """
-    if not paths:
+    given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    if not given:
         raise InputError("give at least one table of ranks")
-    names: list[str] = list(methods) if methods is not None else []
-    rows = []
-    for given in paths:
-        path = check_readable(given)
-        try:
-            with open(path, newline="", encoding="utf-8-sig") as file:
-                reader = csv.DictReader(file)
-                header = [name.strip() for name in reader.fieldnames or []]
-                reader.fieldnames = header
-                lines = list(reader)
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise FileError(f"{path}: is no table of ranks, text with commas ({error})") from error
-        if not names:
-            names = [name for name in header if name.lower() not in LABELS]
-        missing = [name for name in names if name not in header]
-        if missing:
-            raise FileError(f"{path}: has no column {', '.join(missing)}; its columns: {', '.join(header)}")
-        rows += [_numbers(path, number, line, names) for number, line in enumerate(lines, 2)]
-    if not rows:
-        raise FileError(f"{paths[0]}: holds no ranks")
+    names = list(methods) if methods is not None else None
+    rows: list[list[float]] = []
+    for path in map(check_readable, given):
+        columns, ranks = _read_table(path)
+        if names is None:
+            names = columns
+        missing = [name for name in names if name not in columns]
+        if missing or (methods is None and len(columns) != len(names)):
+            what = f"no column {', '.join(missing)}" if missing else f"more than {', '.join(names)}"
+            raise FileError(f"{path}: has {what}; its columns: {', '.join(columns)}")
+        if len(set(names)) < len(names):
+            raise InputError(f"a method is named twice: {', '.join(names)}")
+        chosen = ranks[:, [columns.index(name) for name in names]]
+        # Of some methods only: their ranks among themselves.
+        rows += (chosen if len(names) == len(columns) else stats.rankdata(chosen, axis=1)).tolist()
+    assert names is not None
     return names, np.array(rows)
 
 
-def _numbers(path: Path, line: int, cells: dict[str, str], names: Sequence[str]) -> list[float]:
+def _read_table(path: Path) -> tuple[list[str], Array]:
+    """Return the methods and the ranks (b, k) of one file."""
     try:
-        return [float(cells[name]) for name in names]
-    except (TypeError, ValueError) as error:
-        raise FileError(f"{path}, line {line}: a rank is missing or no number ({error})") from error
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileError(f"{path}: is no table of ranks, text with commas ({error})") from error
+    header = [name.strip() for name in lines[0][1]] if lines else []
+    taken = [i for i, name in enumerate(header) if name.lower() not in LABELS]
+    columns = [header[i] for i in taken]
+    if len(columns) < 3 or "" in columns or len(set(columns)) < len(columns):
+        raise FileError(
+            f"{path}: its first line must name at least 3 methods, each once, between commas; it is {', '.join(header)!r}"
+        )
+    if len(lines) < 2:
+        raise FileError(f"{path}: holds no ranks")
+    rows = []
+    for number, cells in lines[1:]:
+        if len(cells) != len(header):
+            raise FileError(f"{path}, line {number}: has {len(cells)} cells, the first line has {len(header)}")
+        try:
+            row = [float(cells[i]) for i in taken]
+        except ValueError as error:
+            raise FileError(f"{path}, line {number}: a rank is no number ({error})") from error
+        if not all(1 <= value <= len(columns) for value in row):
+            raise FileError(
+                f"{path}, line {number}: ranks of {len(columns)} methods are from 1 (best) to {len(columns)}, not {row}"
+            )
+        rows.append(row)
+    return columns, np.array(rows)
 
 
 def _checked(ranks: Any) -> Array:

@@ -22,10 +22,12 @@ from intaglio.synthesis.sample import (
     SampleMaps,
     checked_choice,
     checked_count,
+    checked_mask,
     checked_number,
     checked_size,
     prepare,
     stacked,
+    window_starts,
 )
 
 Array = np.ndarray
@@ -74,14 +76,15 @@ def grow(
     window : int
         Side of the neighbourhood on the pixel's own level, odd, 3 to 15.
     levels : int, optional
-        Of the pyramid, 1 to 12. Default: as many as leave the coarsest sample at least 4 windows on a side, at most 4.
+        Of the pyramid, 1 to 12. Default: as many as leave the coarsest sample at least 4 windows on a side and a window of
+        usable pixels, at most 4.
     exhaustive : float
         Share of pixels that are searched for in any case, 0 to 1; for the others the pixel next to their left neighbour's
         source is taken where there is one (section 5.3.1: 0.4 to 0.7 give good results). Not with ``missing``.
     metric : {"absolute", "squared"}
         Of differences.
     tileable : bool
-        Make a result that wraps around.
+        Neighbourhoods wrap around, so that the result does as far as they can see; `quilt` closes better.
     mask : (H, W) bool array, optional
         Pixels of the sample that may be used.
     match, weights : optional
@@ -124,10 +127,7 @@ def grow(
         raise InputError("give either size, to synthesise a new texture, or missing, to fill this one")
     hole = None
     if missing is not None:
-        hole = np.asarray(missing)
-        if hole.dtype.kind not in "bui" or hole.ndim != 2:
-            raise InputError(f"missing must be a bool array (H, W), not {hole.dtype} {hole.shape}")
-        hole = hole.astype(bool)
+        hole = checked_mask("missing", missing, stacked(maps).shape[:2])
         if tileable:
             raise InputError("tileable is for new textures; leave it out with missing")
     sample = _prepared(maps, hole, mask, match, weights)
@@ -184,14 +184,8 @@ def _prepared(maps: Any, hole: Array | None, mask: Array | None, match: Any, wei
     if hole is None:
         return prepare(maps, mask=mask, match=match, weights=weights)
     known = ~hole
-    size = stacked(maps).shape[:2]
-    if hole.shape != size:
-        raise InputError(f"missing is {hole.shape}, the maps are {size}; they must have one size")
     if mask is not None:
-        mask = np.asarray(mask)
-        if mask.shape != hole.shape:
-            raise InputError(f"mask is {mask.shape}, missing is {hole.shape}; they must have one size")
-        known &= mask.astype(bool)
+        known &= checked_mask("mask", mask, hole.shape)
     if not known.any():
         raise InputError("missing covers everything; there is no sample left to fill it from")
     return prepare(maps, mask=known, match=match, weights=weights)
@@ -213,7 +207,11 @@ def _pyramid(
         if levels is None and min(-(-n // 2) for n in usable.shape) < 4 * window:
             break
         if number + 1 < deepest:
-            planes, usable = halved(planes, usable)
+            planes, coarse = halved(planes, usable)
+            there = window_starts(coarse, window).any() and len(_candidates(usable, coarse, window)) > 0
+            if levels is None and not there:
+                break
+            usable = coarse
     return found
 
 
@@ -265,6 +263,8 @@ def _shrinking_waves(hole: Array, window: int) -> tuple[Array, Array]:
 
 def _in_waves(pixels: Array, wave: Array) -> tuple[Array, Array]:
     """Return pixels sorted by wave, and where each wave begins."""
+    if len(pixels) == 0:
+        return pixels, np.zeros(1, int)
     order = np.argsort(wave, kind="stable")
     starts = np.flatnonzero(np.diff(wave[order], prepend=wave[order[0]] - 1))
     return pixels[order], np.append(starts, len(order))

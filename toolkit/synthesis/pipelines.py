@@ -18,7 +18,7 @@ from intaglio.photometric.stack import checked_lights
 from intaglio.synthesis.grow import grow
 from intaglio.synthesis.quilt import quilt
 from intaglio.synthesis.result import Synthesis
-from intaglio.synthesis.sample import checked_choice
+from intaglio.synthesis.sample import checked_choice, checked_mask
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -134,7 +134,7 @@ def synthesize_each_light(
         raise InputError(f"source must be a PhotometricStack or a Relightable, not {type(source).__name__}")
     if texture.mask is not None:
         given = settings.get("mask")
-        settings["mask"] = texture.mask if given is None else np.asarray(given, bool) & texture.mask
+        settings["mask"] = texture.mask if given is None else checked_mask("mask", given, texture.mask.shape) & texture.mask
     return [synthesize(image, size, **settings) for image in texture.relight(towards)]
 
 
@@ -145,7 +145,8 @@ def _by_height(texture: Relightable, size: Any, make: Callable[..., Synthesis], 
     assert height is not None
     # Pieces of a slope would not fit; the sample's mean slope is given back to the result's normals.
     slope, level = _plane(height.astype(np.float64), maps.valid)
-    mask = maps.valid if settings.get("mask") is None else maps.valid & np.asarray(settings["mask"], bool)
+    given = settings.get("mask")
+    mask = maps.valid if given is None else maps.valid & checked_mask("mask", given, maps.valid.shape)
     found = make([(height - level).astype(np.float32), maps.albedo], size, **{**settings, "mask": mask})
     heights = found.maps[..., 0]
     p, q = gradients_from_height(heights, method="forward")

@@ -123,9 +123,12 @@ def write_ranking_page(
     for texture, (sample, results) in trials.items():
         if sorted(results) != methods:
             raise InputError(f"{texture} has results of {', '.join(sorted(results))}, not of {', '.join(methods)}")
-        images = [{"method": base64.b64encode(m.encode()).decode(), "image": inline_image(results[m])} for m in methods]
+        images = [
+            {"method": base64.b64encode(m.encode("utf-8", "replace")).decode(), "image": inline_image(results[m])}
+            for m in methods
+        ]
         data.append({"texture": texture, "sample": inline_image(sample), "results": images})
-    listed = json.dumps(data).replace("</", "<\\/")
+    listed = json.dumps(data).replace("<", "\\u003c")
     body = [
         f"<div id=page><p>You will see {len(data)} samples of textures, and under each {len(methods)} larger pictures made "
         "from it. Rank them by how much they look like more of the same.</p>"

@@ -135,7 +135,7 @@ def _descriptors(means: Array, corner: Array, side: int) -> Array:
     at = np.arange(_SIDE) * (side // _SIDE)
     y = corner[:, 0, None, None] + at[None, :, None]
     x = corner[:, 1, None, None] + at[None, None, :]
-    return np.ascontiguousarray(np.moveaxis(means[:, y, x], 0, 1).reshape(len(corner), -1))
+    return np.ascontiguousarray(np.moveaxis(means[:, y, x], 0, 1).reshape(len(corner), len(means) * _SIDE * _SIDE))
 
 
 def _pass(features: Array, windows: _Windows, source: Array, values: Array, tileable: bool, *, copy: bool) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from intaglio.photometric import Relightable, light_direction
 from intaglio.render.compare import decode_srgb
 from intaglio.synthesis.assess import SynthesisReport
 from intaglio.synthesis.result import Synthesis, places
+from intaglio.synthesis.sample import stacked
 
 Array = np.ndarray
 
@@ -46,8 +47,7 @@ def pictures_of(sample: Any, result: Synthesis, lights: Mapping[str, Array] = TH
             top = float(np.quantile(pair["sample"], 0.995)) or 1.0
             rows[name] = {key: image / top for key, image in pair.items()}
         return rows
-    values = np.asarray(sample, np.float32)
-    values = values[:, :, None] if values.ndim == 2 else values
+    values = stacked(sample).astype(np.float32)
     low, high = float(np.nanmin(shown(values))), float(np.nanmax(shown(values)))
     # Photographs as they are, other maps by their range.
     low, high = (0.0, 1.0) if low >= 0 and high <= 1 else (low, max(high, low + 1e-30))
@@ -71,7 +71,7 @@ def write_synthesis_report(
     ----------
     path : path
         .html
-    sample : array or Relightable
+    sample : like the maps that were synthesised
     result : Synthesis
     report : SynthesisReport
         From `assess_synthesis`.
@@ -86,7 +86,7 @@ def write_synthesis_report(
     if result.tileable:
         last = list(next(iter(rows.values())).values())[-1]
         body.append(picture_row("Tiled two by two", {"no line should be seen": np.tile(last, (2, 2, 1))}))
-    shape = sample.maps.shape[1:3] if isinstance(sample, Relightable) else np.asarray(sample).shape[:2]
+    shape = stacked(sample).shape[:2]
     body.append(
         _sized_row(
             "Where each pixel was copied from",

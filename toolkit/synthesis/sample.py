@@ -75,6 +75,8 @@ def stacked(maps: Any, name: str = "maps") -> Array:
             listed = ", ".join(f"{h} x {w}" for h, w in (p.shape[:2] for p in parts))
             raise InputError(f"{name} differ in size: {listed} (rows x columns); give maps of one size")
         return np.concatenate(parts, axis=2)
+    if isinstance(maps, np.ma.MaskedArray) and np.ma.is_masked(maps):
+        raise InputError(f"{name} is a masked array; give its values, and the pixels that may be used as mask=~{name}.mask")
     try:
         array = np.asarray(maps)
     except (TypeError, ValueError) as error:
@@ -115,10 +117,7 @@ def prepare(
     if isinstance(maps, Relightable) and maps.mask is not None:
         usable &= maps.mask
     if mask is not None:
-        mask = np.asarray(mask)
-        if mask.shape != usable.shape or mask.dtype.kind not in "bui":
-            raise InputError(f"mask must be a bool array {usable.shape} like the maps, not {mask.dtype} {mask.shape}")
-        usable &= mask.astype(bool)
+        usable &= checked_mask("mask", mask, usable.shape)
     if not usable.any():
         raise InputError("mask leaves no pixel of the sample; True marks pixels that may be used")
     if match is not None:
@@ -159,6 +158,17 @@ def _equal_range(compared: Array, usable: Array, weights: Sequence[float] | Arra
         if spread > 0:
             planes[c][usable] = (plane[usable] - low) / spread * factor[c]
     return planes
+
+
+def checked_mask(name: str, mask: Any, shape: tuple[int, ...]) -> Array:
+    """Return ``mask`` as a bool array, or raise `InputError` if it is none of ``shape``."""
+    try:
+        array = np.asarray(mask)
+    except ValueError as error:
+        raise InputError(f"{name} must be a bool array {shape} like the maps ({error})") from error
+    if array.shape != tuple(shape) or array.dtype.kind not in "bui":
+        raise InputError(f"{name} must be a bool array {tuple(shape)} like the maps, not {array.dtype} {array.shape}")
+    return array.astype(bool)
 
 
 def checked_size(size: int | tuple[int, int]) -> tuple[int, int]:
