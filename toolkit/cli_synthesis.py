@@ -108,7 +108,11 @@ class _Images:
 @click.option("--tolerance", type=float, default=0.1, show_default=True, help="quilt: choose within this share of the best.")
 @click.option("--cut", type=click.Choice(CUTS), default="path", show_default=True, help="quilt: boundary between blocks.")
 @click.option(
-    "--continuation", type=click.Choice(CONTINUATIONS), default="shortcut", show_default=True, help="quilt: see the docs."
+    "--continuation",
+    type=click.Choice(CONTINUATIONS),
+    default="shortcut",
+    show_default=True,
+    help="quilt: where the sample itself goes on.",
 )
 @click.option("--refine", type=int, default=2, show_default=True, help="quilt: passes that remove seams; 0: none.")
 @click.option("--window", type=int, default=5, show_default=True, help="grow: side of the neighbourhood, odd.")
