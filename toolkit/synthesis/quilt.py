@@ -173,7 +173,7 @@ def quilt(
             tileable=tileable,
             progress=None if progress is None else lambda done, total: progress(count + 3 * count * done // total, steps),
         )
-        used = " and ".join(map(str, sides))
+        used = ", ".join(map(str, sides))
         notes.append(f"refined, {refine} passes with windows of {used} pixels" if sides else "too small to be refined")
     return copied(maps, sample.maps, source, tileable=tileable, notes=tuple(notes))
 
