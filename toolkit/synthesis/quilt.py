@@ -9,7 +9,8 @@ import numpy as np
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.kernels.blocks import ROWS, BlockLayer, Sample
+from intaglio.kernels.block_search import ROWS
+from intaglio.kernels.blocks import BlockLayer, Sample
 from intaglio.kernels.lanes import LANES
 from intaglio.randomness import checked_seed, uniform
 from intaglio.synthesis.block_size import automatic_block
