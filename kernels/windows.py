@@ -41,9 +41,10 @@ class WindowSearch:
     coarse : Level, optional
         The next coarser one, synthesised.
     candidates : (M, 2) int array
-        Pixels that may be copied: their windows, and the 3 x 3 pixels around their parents, lie in the sample.
-    order : (M,) int array
-        In which order to group candidates: similar ones together.
+        Pixels that may be copied: their windows, and the 3 x 3 pixels around their parents, lie in the sample. They are
+        searched in groups, so similar ones should be together.
+    rows : (M, K) float32 array
+        Their `neighbourhoods`.
     window : int
         Odd.
     squared, wrap : bool
@@ -56,7 +57,7 @@ class WindowSearch:
         level: Level,
         coarse: Level | None,
         candidates: np.ndarray,
-        order: np.ndarray,
+        rows: np.ndarray,
         *,
         window: int,
         squared: bool,
@@ -67,8 +68,7 @@ class WindowSearch:
         self._window, self._squared, self._wrap = window, int(squared), int(wrap)
         maps, height, self._width = level.planes.shape
         self._count = len(candidates)
-        flat = (candidates[:, 0] * self._width + candidates[:, 1])[order]
-        rows = neighbourhoods(level, coarse, candidates[order], window)
+        flat = candidates[:, 0] * self._width + candidates[:, 1]
         self._maps, self._positions = maps, rows.shape[1] // maps
         signs = _signs(level.planes)
         rows = np.concatenate([_summaries(rows, signs), rows], axis=1)

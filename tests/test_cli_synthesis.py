@@ -9,7 +9,7 @@ from PIL import Image
 from skimage import data
 from stacks import noisy, scattered, write_capture
 
-from intaglio import read_exr, read_image, read_relightable, write_exr, write_image
+from intaglio import read_exr, read_image, read_relightable, read_stack, represent, write_exr, write_image, write_relightable
 
 
 @pytest.fixture
@@ -105,6 +105,8 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
     write_image(np.zeros((60, 70)), tmp_path / "black.png")
     tifffile.imwrite(tmp_path / "wide.tif", np.zeros((60, 70), np.uint32))
     write_exr({"Y": np.full((60, 70), np.nan)}, tmp_path / "nan.exr")
+    texture = tmp_path / "texture.exr"
+    write_relightable(represent(read_stack(capture), "ptm"), texture)
     out = ["-o", tmp_path / "o.png", "--size", "50x50"]
     for words, message in [
         ([sample, "-o", sample, "--size", "50x50"], "is the input itself"),
@@ -128,6 +130,8 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         ([sample, *out, "--block", "10", "--overlap", "10"], "overlap must be"),
         ([sample, *out, "--method", "grow", "--block", "10"], "--block is for --method quilt"),
         ([sample, *out, "--window", "5"], "--window is for --method grow"),
+        ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--grey"], "--grey is for photographs"),
+        ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--mask", other], "--mask is for photographs"),
         ([sample, *out, "--maps", tmp_path / "m"], "--maps is for"),
         ([sample, *out, "--mask", other], "the sample is 70 x 60"),
         ([sample, *out, "--report", tmp_path / "p.txt"], "unknown report type"),

@@ -21,8 +21,8 @@ def searches(monkeypatch):
     kept = []
 
     class Kept(module.WindowSearch):
-        def __init__(self, level, coarse, candidates, order, **options):
-            super().__init__(level, coarse, candidates, order, **options)
+        def __init__(self, level, coarse, candidates, rows, **options):
+            super().__init__(level, coarse, candidates, rows, **options)
             self.given = (level, coarse, candidates)
             kept.append(self)
 

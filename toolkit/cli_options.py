@@ -54,10 +54,14 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     return click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits.")(command)
 
 
+def was_given(name: str) -> bool:
+    """Return whether the user gave an option, rather than left it at its default."""
+    return click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
 def unless_given(name: str, fallback: int, value: int) -> int:
     """Return ``value`` if the user gave the option, else ``fallback``."""
-    source = click.get_current_context().get_parameter_source(name)
-    return value if source is click.core.ParameterSource.COMMANDLINE else fallback
+    return value if was_given(name) else fallback
 
 
 def known_suffix(path: Path, known: tuple[str, ...], what: str) -> None:

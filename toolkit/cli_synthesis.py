@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
-from intaglio.cli_options import common, image_size, known_suffix, unless_given
+from intaglio.cli_options import common, image_size, known_suffix, was_given
 from intaglio.cli_photometric import read_capture, spare_inputs, stack_options
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -43,6 +43,17 @@ _OWN = {
     "quilt": ("block", "overlap", "tolerance", "cut", "continuation", "refine"),
     "grow": ("window", "levels", "exhaustive"),
 }
+
+
+# Options that only photographs under known lights have.
+_OF_PHOTOGRAPHS = ("kind", "color", "robust", "response", "sphere", "circle", "grey")
+
+
+def _for_photographs(names: tuple[str, ...]) -> None:
+    """Raise `InputError` if one of the options was given, to what is no stack of photographs."""
+    for name in names:
+        if was_given(name):
+            raise InputError(f"--{name} is for photographs under known lights; the sample is none")
 
 
 class _Images:
@@ -152,7 +163,7 @@ def synthesize(
     width, height = image_size(size)
     for other in set(_OWN) - {method}:
         for name in _OWN[other]:
-            if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            if was_given(name):
                 raise InputError(f"--{name} is for --method {other}")
             settings.pop(name)
     if method == "quilt" and settings["block"] != "auto":
@@ -181,20 +192,21 @@ def synthesize(
         _check_outputs([output, *others], inputs)
         spare_inputs(inputs, output, maps)
         given: Any = texture
+        compared: Any = texture
+        usable = None
         result = _made(texture, settings)
         assert result.texture is not None
         write_relightable(result.texture, output)
         written = [output] + (write_maps(result.texture, maps) if maps is not None else [])
     else:
-        for name in ("maps", "kind", "color", "robust", "response", "sphere", "circle", "grey"):
-            if click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-                what = "relightable textures and photographs" if name == "maps" else "photographs"
-                raise InputError(f"--{name} is for {what} under known lights")
+        if maps is not None:
+            raise InputError("--maps is for relightable textures and photographs under known lights")
+        _for_photographs(_OF_PHOTOGRAPHS)
         _check_outputs(_image_outputs(samples, output, source) + others, inputs)
         images = _Images(samples)
-        given = images.values
+        given, compared = images.values, images.compared
         usable = _usable(images, mask)
-        result = _made(images.values, settings | {"match": images.compared, "mask": usable})
+        result = _made(images.values, settings | {"match": compared, "mask": usable})
         written = _write_images(images, result, output)
     if where is not None:
         write_source(result, where)
@@ -204,9 +216,8 @@ def synthesize(
         click.echo(f"  {note}", err=True)
     click.echo(f"wrote {', '.join(map(str, written))}: {width} x {height} pixels, {seconds:.1f} s")
     if report is not None:
-        relightable = isinstance(given, Relightable)
-        usable = None if relightable else _usable(images, mask)
-        figures = assess_synthesis(given, result, mask=usable, lights=THESIS_LIGHTS if relightable else None)
+        lights = THESIS_LIGHTS if isinstance(given, Relightable) else None
+        figures = assess_synthesis(compared, result, mask=usable, lights=lights)
         write_synthesis_report(report, given, result, figures, title=f"{first.name}: synthesised", extra=(f"{seconds:.1f} s",))
         for line in figures.lines():
             click.echo(f"  {line}")
@@ -227,8 +238,7 @@ def _texture(
 ) -> tuple[Relightable, list[Path]]:
     """Return the relightable sample, and the files it came from."""
     if not os.path.isdir(first) and first.suffix.lower() not in STACK_SUFFIXES:
-        if unless_given("kind", 1, 0) == 0 or mask is not None:
-            raise InputError(f"{first}: is a texture already; --kind and --mask are for photographs")
+        _for_photographs((*_OF_PHOTOGRAPHS, "mask"))
         return read_relightable(first), [first]
     stack = read_capture(first, response, mask, sphere, circle, grey)
     with ProgressBar("fitting") as bar:

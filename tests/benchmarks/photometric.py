@@ -19,17 +19,7 @@ from intaglio import PhotometricStack, Relightable, light_direction, read_stack,
 from intaglio.kernels.lighting import robust_normals, weighted_sums
 from intaglio.photometric.bases import PolynomialBasis, coefficients
 from intaglio.photometric.represent import BRIGHT_SHARE, DARK_SHARE
-
-
-def best(work, times=5):
-    """Return the least seconds of several runs, after one to warm up."""
-    work()
-    seconds = []
-    for _ in range(times):
-        start = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - start)
-    return min(seconds)
+from tests.benchmarks.timing import best
 
 
 def lights(count):

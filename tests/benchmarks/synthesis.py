@@ -15,17 +15,7 @@ from scipy import ndimage
 
 from intaglio import grow, quilt
 from intaglio.synthesis.sample import prepare
-
-
-def best(work, times=3):
-    """Return the least seconds of several runs, after one to warm up."""
-    work()
-    seconds = []
-    for _ in range(times):
-        start = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - start)
-    return min(seconds)
+from tests.benchmarks.timing import best
 
 
 def pebbles(side, maps, seed=0):

@@ -68,7 +68,7 @@ class SynthesisReport:
     Attributes
     ----------
     likeness : Likeness
-        Of what was compared in synthesis, all maps at equal range, as the result's provenance lays it.
+        Of the sample's maps at equal range, as the result's provenance lays them.
     seam : float
         Mean jump between neighbouring pixels from different places of the sample, over the mean jump between others; maps at
         equal range. 1: seams are like the texture itself. NaN where there is no seam.
@@ -126,6 +126,7 @@ def assess_synthesis(
     Parameters
     ----------
     sample : like the maps that were synthesised
+        Or what was compared in their place, such as a photograph's gamma-encoded values.
     result : Synthesis
     mask : (H, W) bool array, optional
         Pixels of the sample that could be used.

@@ -150,9 +150,9 @@ def grow(
                 f"the sample has no {window} x {window} window of usable pixels on level {number}; "
                 "give a smaller window, fewer levels or a larger sample"
             )
-        candidates, order = _grouped(level, coarse, candidates, window, notes)
+        candidates, rows = _grouped(level, coarse, candidates, window, notes)
         search = WindowSearch(
-            level, coarse, candidates, order, window=window, squared=metric == "squared", wrap=tileable, device=chosen
+            level, coarse, candidates, rows, window=window, squared=metric == "squared", wrap=tileable, device=chosen
         )
         targets, waves = _raster_waves(level.canvas.shape, window) if hole is None else _shrinking_waves(wanted[number], window)
         keys = (number, targets[:, 0], targets[:, 1])
@@ -208,8 +208,7 @@ def _pyramid(
             break
         if number + 1 < deepest:
             planes, coarse = halved(planes, usable)
-            there = window_starts(coarse, window).any() and len(_candidates(usable, coarse, window)) > 0
-            if levels is None and not there:
+            if levels is None and not (window_starts(coarse, window).any() and len(_candidates(usable, coarse, window))):
                 break
             usable = coarse
     return found
@@ -225,7 +224,7 @@ def _candidates(usable: Array, coarse_usable: Array | None, window: int) -> Arra
 
 
 def _grouped(level: Level, coarse: Level | None, candidates: Array, window: int, notes: list[str]) -> tuple[Array, Array]:
-    """Return the candidates, thinned where they are too many, and an order in which similar ones are neighbours."""
+    """Return the candidates, similar ones together and thinned where they are too many, and their neighbourhoods."""
     elements = len(level.planes) * (window * window + (0 if coarse is None else 9))
     most = _MOST_VALUES // elements
     if len(candidates) > most:
@@ -237,7 +236,7 @@ def _grouped(level: Level, coarse: Level | None, candidates: Array, window: int,
         part -= part.mean(axis=0)
         axes = np.linalg.eigh(part.T @ part)[1][:, -_COMPONENTS:]
         order = cKDTree(rows @ axes.astype(np.float32), leafsize=16).indices
-    return candidates, order
+    return candidates[order], rows[order]
 
 
 def _raster_waves(shape: tuple[int, int], window: int) -> tuple[Array, Array]:
