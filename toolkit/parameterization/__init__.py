@@ -1,0 +1,5 @@
+"""Laying a surface flat: one chart over the unit square, of low distortion (Yamauchi et al. 2005, section 3)."""
+
+from intaglio.parameterization.parameterize import Parameterization, parameterize
+
+__all__ = ["Parameterization", "parameterize"]

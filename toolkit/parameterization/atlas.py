@@ -1,0 +1,33 @@
+"""Charts for surfaces that no single one can hold, by xatlas."""
+
+from __future__ import annotations
+
+import numpy as np
+
+Array = np.ndarray
+
+
+def atlas(vertices: Array, faces: Array, *, texels: int = 1024, padding: int = 4) -> tuple[Array, Array, Array]:
+    """Return texture positions (N', 2) in [0, 1]^2, faces (F, 3) on them, and the vertex that each position belongs to (N',).
+
+    Parameters
+    ----------
+    vertices, faces : (N, 3), (F, 3) arrays
+    texels : int
+        Side of the texture for which charts are packed.
+    padding : int
+        Texels between charts at that size.
+    """
+    import xatlas
+
+    center = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    made = xatlas.Atlas()
+    made.add_mesh(np.ascontiguousarray(vertices - center, np.float32), np.ascontiguousarray(faces, np.uint32))
+    options = xatlas.PackOptions()
+    options.resolution, options.padding, options.bilinear = texels, padding, True
+    made.generate(pack_options=options)
+    vertex, corners, uv = made[0]
+    uv = np.asarray(uv, np.float64)
+    # Rows and columns are scaled apart from each other; the texture is square.
+    uv = uv * np.array([made.width, made.height]) / max(made.width, made.height)
+    return uv, np.asarray(corners).astype(np.int32), np.asarray(vertex).astype(np.int32)

@@ -1,0 +1,452 @@
+"""Low-distortion parameterization of a surface over the unit square (Yamauchi et al. 2005, section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import diags_array
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.kernels.distortion import MIPS, STRETCH, Distortion
+from intaglio.parameterization.atlas import atlas
+from intaglio.parameterization.charts import (
+    Chart,
+    doubled_areas,
+    doubled_texture_areas,
+    flat_edges,
+    inverses,
+    squared_stretches,
+)
+from intaglio.parameterization.embedding import convex_border, embed, embedded, intrinsic_weights, relaxed
+from intaglio.parameterization.minimise import minimised
+from intaglio.parameterization.seams import cut_open, edge_graph, joining_seam, longest_way, path_between
+from intaglio.parameterization.topology_check import Kind, kind_of
+from intaglio.surface import Surface, vertex_normals
+from intaglio.topology import adjacency, border_loops, pieces
+
+Array = np.ndarray
+Progress = Callable[[int, int], None]
+
+ENERGIES = ("stretch", "stretch-max", "mips", "intrinsic", "mean-value")
+BOUNDARIES = ("free", "circle", "square")
+
+# Powers by which the largest stretch is approached, from the mean square on.
+_POWERS = (4.0, 8.0, 16.0, 32.0)
+
+# Weights of the triangle shape term, from one minimisation to the next: the paper's is infinite.
+_STRICTNESS = (1.0, 30.0, 1000.0)
+
+# It begins at this many thresholds, so that with a finite weight the threshold itself is met.
+_SHAPE_FROM = 1.1
+
+# A hole's border shorter than this share of the square root of the surface's area is bridged rather than joined by a seam.
+_SMALL_HOLE = 0.5
+
+# Share of the weight of a surface triangle of the same area that a bridge over a hole has.
+_BRIDGE = 1e-3
+
+# A minimisation ends when a step lowers the energy by less than this share.
+_TOLERANCE = 1e-4
+
+# Rings of neighbours over which stretch is averaged to find where another seam helps most, as a share of the root of the
+# number of vertices: seams into every small cavity help less than one across a broad bulge.
+_RINGS = 0.25
+
+# Free space around a free chart in [0, 1]^2, on each side.
+MARGIN = 0.005
+
+_MOST_SEAMS = 12
+
+
+@dataclass(frozen=True)
+class Parameterization:
+    """A surface laid flat.
+
+    Attributes
+    ----------
+    uv : (N', 2) float64 array
+        Texture positions in [0, 1]^2, u to the right, v up; of each vertex where nothing was cut.
+    faces : (F, 3) int32 array
+        The mesh's faces, over ``uv``.
+    vertex : (N',) int32 array
+        The mesh's vertex of each position.
+    chart : (F,) int32 array
+        Number of the chart of each face.
+    l2_stretch, linf_stretch : float
+        Root mean square and largest stretch (Sander et al. 2001), times the root of texture area over surface area: 1 is the
+        optimum.
+    flips : int
+        Triangles turned over against the rest of their chart.
+    shape_ratio : (F,) float64 array
+        Height over longest side of each triangle in the texture.
+    face_stretch : (F,) float64 array
+        L2 stretch of each triangle, normalised likewise.
+    notes : tuple of str
+        What was done on the way.
+    """
+
+    uv: Array
+    faces: Array
+    vertex: Array
+    chart: Array
+    l2_stretch: float
+    linf_stretch: float
+    flips: int
+    shape_ratio: Array
+    face_stretch: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def charts(self) -> int:
+        """Number of charts."""
+        return int(self.chart.max()) + 1
+
+    @property
+    def cut(self) -> bool:
+        """Whether vertices have several places in the texture."""
+        return len(self.vertex) > int(self.vertex.max()) + 1
+
+
+def parameterize(
+    mesh: Surface,
+    energy: str = "stretch",
+    *,
+    boundary: str = "free",
+    view: ArrayLike | None = None,
+    importance: float = 1.5,
+    shape_threshold: float = 0.0,
+    max_stretch: float | None = None,
+    conformal: float = 0.5,
+    iterations: int = 100,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Parameterization:
+    """Lay a surface flat over [0, 1]^2, as one chart of low distortion where its topology allows.
+
+    A disk is kept whole. A surface of genus 0 that is closed or has several borders is cut open along a short seam graph;
+    small holes are bridged instead, for the time of the computation. Others get several charts from xatlas. ``notes`` says
+    which.
+
+    Parameters
+    ----------
+    mesh : Surface
+    energy : {"stretch", "stretch-max", "mips", "intrinsic", "mean-value"}
+        What is minimised: the L2 geometric stretch; the largest stretch, approached by high powers; the conformal MIPS
+        energy; the linear intrinsic mixture (with a fixed boundary; may flip triangles, which are counted); or only the
+        linear mean value embedding that the others start from.
+    boundary : {"free", "circle", "square"}
+        Free borders move as the energy asks and never cross themselves; fixed ones are laid out by chord length.
+    view : (3,) sequence, optional
+        From the object towards the eye of the view that matters most: what faces it gets more of the texture, and seams keep
+        to the back.
+    importance : float
+        The paper's k > 1; the nearer to 1, the more the view counts; [1.01, 2] is useful.
+    shape_threshold : float
+        The paper's alpha: least ratio of height to longest side of a triangle in the texture, 0 to 0.5; 0 leaves the term
+        out, 0.05 to 0.15 is useful. Triangles that are thinner in space have nine tenths of their own ratio as threshold.
+    max_stretch : float, optional
+        More seams are cut, each to the place of highest stretch, while the L2 stretch is above this (at most 12; at least
+        1.01). Default: no more than the topology asks for.
+    conformal : float
+        Share of the conformal energy in the intrinsic one, 0 to 1; the rest is authalic.
+    iterations : int
+        Most Newton steps.
+    device : str, optional
+        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+    progress : callable, optional
+        Called with steps done and the most steps.
+
+    Returns
+    -------
+    Parameterization
+
+    Raises
+    ------
+    InputError
+        For unreferenced vertices, triangles without area, faces that don't join as a surface, and options out of range.
+
+    References
+    ----------
+    Yamauchi et al., Textures revisited (2005), section 3, equation 2. The paper's visual importance is
+    1 / (<N, V> + k) with V in the direction of sight; here ``view`` points the other way, and the sign is turned. Sander et
+    al., Texture mapping progressive meshes (2001). Hormann and Greiner, MIPS (2000). Desbrun, Meyer and Alliez, Intrinsic
+    parameterizations of surface meshes (2002).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> flat = Surface(vertices=np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> laid = parameterize(flat)
+    >>> round(laid.l2_stretch, 6), laid.flips
+    (1.0, 0)
+    """
+    options = _Options(mesh, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
+    chosen = device_or_error(device)
+    kind = kind_of(mesh)
+    if kind.pieces > 1 or kind.genus > 0:
+        uv, faces, vertex = atlas(mesh.vertices, mesh.faces)
+        note = f"{kind.describe()}: no single chart can hold it, charts by xatlas"
+        found = _measured(mesh, uv, faces, vertex, (note,))
+        return _noted(found, f"{found.charts} charts")
+    notes: list[str] = []
+    graph = edge_graph(mesh.vertices, mesh.faces, options.seam_cost)
+    seam = _first_seam(mesh, kind, graph, notes)
+    best = _one_chart(options, seam, kind, tuple(notes), chosen, progress)
+    if max_stretch is None:
+        return best
+    seams = 0
+    while best.l2_stretch > max_stretch and seams < _MOST_SEAMS:
+        seams += 1
+        longer = _with_another_seam(mesh, graph, seam, kind, best)
+        if len(longer) == len(seam):
+            break
+        seam = longer
+        found = _one_chart(options, seam, kind, tuple(notes), chosen, progress)
+        # A seam that does not help at once may with the next one.
+        if found.l2_stretch < best.l2_stretch:
+            best = found
+    return _noted(best, f"{seams} seams cut to lower the stretch to {best.l2_stretch:.3f}") if seams else best
+
+
+class _Options:
+    """Checked options, and what follows from them for each face of the mesh."""
+
+    def __init__(
+        self,
+        mesh: Surface,
+        energy: str,
+        boundary: str,
+        view: ArrayLike | None,
+        importance: float,
+        shape_threshold: float,
+        max_stretch: float | None,
+        conformal: float,
+        iterations: int,
+    ) -> None:
+        if not isinstance(mesh, Surface):
+            raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+        for name, value, known in (("energy", energy, ENERGIES), ("boundary", boundary, BOUNDARIES)):
+            if value not in known:
+                raise InputError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+        for name, number, low, high in (
+            ("importance", importance, 1.001, 1e6),
+            ("shape_threshold", shape_threshold, 0.0, 0.5),
+            ("conformal", conformal, 0.0, 1.0),
+            ("max_stretch", 1.01 if max_stretch is None else max_stretch, 1.01, 1e6),
+            ("iterations", iterations, 1, 1e6),
+        ):
+            if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not low <= number <= high:
+                raise InputError(f"{name} must be a number from {low:g} to {high:g}, not {number!r}")
+        self.mesh, self.energy, self.boundary = mesh, energy, boundary
+        self.shape_threshold, self.conformal, self.iterations = float(shape_threshold), float(conformal), int(iterations)
+        self.importance = np.ones(len(mesh.faces))
+        self.seam_cost: Array | None = None
+        if view is not None:
+            towards = _direction(view)
+            corner = mesh.vertices[mesh.faces]
+            normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+            normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+            self.importance = 1 / (importance - normal @ towards)
+            facing = vertex_normals(mesh.vertices, mesh.faces) @ towards
+            self.seam_cost = 1 + 4 * np.maximum(facing + 0.5, 0)
+
+
+def _direction(view: ArrayLike) -> Array:
+    try:
+        towards = np.asarray(view, np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        towards = np.zeros(0)
+    if towards.shape != (3,) or not np.isfinite(towards).all() or not towards.any():
+        raise InputError(f"view must be three finite numbers, not all zero; it is {view!r}")
+    return towards / np.linalg.norm(towards)
+
+
+def _first_seam(mesh: Surface, kind: Kind, graph: object, notes: list[str]) -> Array:
+    """Return the seam (S, 2) that makes a surface of genus 0 a disk, but for holes that will be bridged."""
+    if not kind.loops:
+        seam = longest_way(graph)
+        notes.append(f"closed surface: cut open along a seam of {len(seam)} edges")
+        return seam
+    large = kind.loops[:1] + [loop for loop in kind.loops[1:] if not _is_small(mesh, loop)]
+    bridged = len(kind.loops) - len(large)
+    if bridged:
+        notes.append(f"{bridged} small holes bridged while laying flat; they stay holes")
+    seam = joining_seam(graph, large)
+    if len(seam):
+        notes.append(f"{len(large)} borders joined by seams of {len(seam)} edges")
+    return seam
+
+
+def _is_small(mesh: Surface, loop: Array) -> bool:
+    length = np.linalg.norm(mesh.vertices[loop] - mesh.vertices[np.roll(loop, -1)], axis=1).sum()
+    return bool(length < _SMALL_HOLE * np.sqrt(doubled_areas(mesh.vertices, mesh.faces).sum() / 2))
+
+
+def _one_chart(
+    options: _Options, seam: Array, kind: Kind, notes: tuple[str, ...], device: str, progress: Progress | None
+) -> Parameterization:
+    """Cut the mesh along ``seam``, bridge small holes, and lay it flat."""
+    mesh = options.mesh
+    faces, origin = cut_open(mesh.faces, len(mesh.vertices), seam)
+    vertices = mesh.vertices[origin]
+    whole, filled = _bridged(mesh, kind, vertices, faces)
+    chart = Chart(whole, filled, _outer_loop(whole, filled))
+    weight = np.concatenate([options.importance, np.full(len(filled) - len(faces), _BRIDGE)])
+    uv = _laid_flat(options, chart, weight, device, progress)[: len(vertices)]
+    if options.boundary == "free" and options.energy not in ("intrinsic", "mean-value"):
+        uv = _squared_up(uv)
+    return _measured(mesh, uv, faces, origin, notes)
+
+
+def _outer_loop(vertices: Array, faces: Array) -> Array:
+    loops = border_loops(faces)
+    if len(loops) != 1:
+        raise InputError(
+            f"the surface has {len(loops)} borders after cutting, where a disk has one: it is pinched; "
+            "separate parts that touch in single vertices"
+        )
+    return loops[0].astype(np.int64)
+
+
+def _bridged(mesh: Surface, kind: Kind, vertices: Array, faces: Array) -> tuple[Array, Array]:
+    """Return the cut mesh with a fan of faces, about a new vertex, over every small hole."""
+    points, fans = [vertices], [faces]
+    # Seams may run into a hole's border only if they join it, and these holes they don't.
+    for loop in kind.loops[1:]:
+        if _is_small(mesh, loop):
+            hub = sum(len(p) for p in points)
+            points.append(vertices[loop].mean(axis=0, keepdims=True))
+            fans.append(np.stack([np.roll(loop, -1), loop, np.full(len(loop), hub)], axis=1).astype(np.int32))
+    return np.concatenate(points), np.concatenate(fans)
+
+
+def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
+    """Return texture positions (N, 2) of a disk."""
+    fixed = "circle" if options.boundary == "free" else options.boundary
+    if options.energy == "mean-value":
+        return embedded(chart, fixed)[0]
+    if options.energy == "intrinsic":
+        return embed(intrinsic_weights(chart, options.conformal), chart, convex_border(chart, fixed))
+    area = _safe_areas(chart)
+    share = area / area.sum()
+    weight = weight * share
+    weight /= weight.sum()
+    uv = relaxed(chart, fixed, weight)
+    # The energy's optimum has as much area in the texture as on the surface, in units of the surface's.
+    scale = np.sqrt(area.sum() / doubled_texture_areas(uv, chart.faces).sum())
+    uv = uv * scale
+    rest = inverses(flat_edges(chart.vertices, chart.faces))
+    corner = flat_edges(chart.vertices, chart.faces)
+    longest = np.max(
+        [corner[:, 0, 0], np.hypot(corner[:, 0, 1], corner[:, 1, 1]), np.hypot(corner[:, 0, 1] - corner[:, 0, 0], corner[:, 1, 1])],
+        axis=0,
+    )
+    least = np.minimum(options.shape_threshold, 0.9 * area / longest**2)
+    rounds = [(2.0, strictness) for strictness in (_STRICTNESS if options.shape_threshold > 0 else _STRICTNESS[:1])]
+    if options.energy == "stretch-max":
+        rounds += [(power, rounds[-1][1]) for power in _POWERS]
+    for number, (power, strictness) in enumerate(rounds):
+        distortion = Distortion(
+            chart.faces,
+            rest,
+            weight,
+            share,
+            _SHAPE_FROM * least,
+            kind=MIPS if options.energy == "mips" else STRETCH,
+            power=power,
+            strictness=strictness,
+            device=device,
+        )
+        uv, _ = minimised(
+            chart,
+            distortion,
+            uv,
+            free=options.boundary == "free",
+            iterations=options.iterations,
+            tolerance=_TOLERANCE,
+            progress=None
+            if progress is None
+            else lambda done, most, before=number: progress(before * most + done, len(rounds) * most),
+        )
+    return uv if options.boundary == "free" else uv / scale
+
+
+def _safe_areas(chart: Chart) -> Array:
+    """Return twice the triangles' areas; bridges over holes may have none, and get a little."""
+    area = doubled_areas(chart.vertices, chart.faces)
+    return np.maximum(area, 1e-6 * float(area.mean()))
+
+
+def _squared_up(uv: Array) -> Array:
+    """Return the chart turned to fit the smallest square, in [MARGIN, 1 - MARGIN]^2."""
+    best, fitted = np.inf, uv
+    for angle in np.radians(np.arange(90)):
+        c, s = np.cos(angle), np.sin(angle)
+        turned = uv @ np.array([[c, s], [-s, c]])
+        side = float(np.ptp(turned, axis=0).max())
+        if side < best * (1 - 1e-9):
+            best, fitted = side, turned
+    middle = (fitted.min(axis=0) + fitted.max(axis=0)) / 2
+    return 0.5 + (fitted - middle) * (1 - 2 * MARGIN) / best
+
+
+def _with_another_seam(mesh: Surface, graph: object, seam: Array, kind: Kind, found: Parameterization) -> Array:
+    """Return the seam, longer by the way to where the stretch is highest, over neighbourhoods of some rings."""
+    count = len(mesh.vertices)
+    area = doubled_areas(mesh.vertices, mesh.faces)
+    corners = mesh.faces.reshape(-1)
+    weight = np.bincount(corners, np.repeat(area, 3), count)
+    stretch = np.bincount(corners, np.repeat(area * found.face_stretch**2, 3), count)
+    around = adjacency(mesh.faces, count) + diags_array(np.ones(count))
+    for _ in range(round(_RINGS * count**0.5)):
+        weight, stretch = around @ weight, around @ stretch
+    open_now = np.unique(np.concatenate([seam.reshape(-1), *[loop.astype(np.int64) for loop in kind.loops[:1]]]))
+    mean = stretch / weight
+    mean[open_now] = 0
+    for loop in kind.loops[1:]:
+        mean[loop] = 0
+    return np.concatenate([seam, path_between(graph, int(np.argmax(mean)), open_now)])
+
+
+def _measured(mesh: Surface, uv: Array, faces: Array, vertex: Array, notes: tuple[str, ...]) -> Parameterization:
+    """Return the parameterization with its figures."""
+    _, piece = pieces(faces, len(uv))
+    _, chart = np.unique(piece[faces[:, 0]], return_inverse=True)
+    chart = chart.reshape(-1)
+    area = doubled_areas(mesh.vertices, mesh.faces)
+    signed = doubled_texture_areas(uv, faces)
+    charts = int(chart.max()) + 1
+    # Atlases mirror whole charts; a flip is a triangle turned against its own chart.
+    handed = np.where(np.bincount(chart, np.sign(signed), charts) < 0, -1.0, 1.0)
+    flips = int((signed * handed[chart] <= 0).sum())
+    rest = inverses(flat_edges(mesh.vertices, mesh.faces))
+    squared = squared_stretches(uv, faces, rest)
+    scale = float(np.abs(signed).sum() / area.sum())
+    a, b, c = (uv[faces[:, k]] for k in range(3))
+    jacobian = np.stack([b - a, c - a], axis=2) @ rest
+    norm = np.sum(jacobian**2, axis=(1, 2))
+    det = np.abs(signed) / area
+    least = np.sqrt(np.maximum((norm - np.sqrt(np.maximum(norm**2 - 4 * det**2, 0))) / 2, 1e-300))
+    longest = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    return Parameterization(
+        uv=uv,
+        faces=faces,
+        vertex=vertex,
+        chart=chart.astype(np.int32),
+        l2_stretch=float(np.sqrt((area * squared).sum() / area.sum() * scale)),
+        linf_stretch=float(np.sqrt(scale) / least.min()),
+        flips=flips,
+        shape_ratio=np.abs(signed) / np.maximum(longest, 1e-300),
+        face_stretch=np.sqrt(squared * scale),
+        notes=notes,
+    )
+
+
+def _noted(found: Parameterization, note: str) -> Parameterization:
+    from dataclasses import replace
+
+    return replace(found, notes=(*found.notes, note))

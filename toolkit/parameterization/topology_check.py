@@ -1,0 +1,88 @@
+"""What kind of surface a mesh is, and refusal of meshes that are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.errors import InputError
+from intaglio.parameterization.charts import doubled_areas
+from intaglio.surface import Surface
+from intaglio.topology import Topology, border_loops, directed_edges, edge_keys, pieces, unique_edges, used_vertices
+
+Array = np.ndarray
+
+# A triangle whose height is below this share of its longest side has no area as far as its angles can be told.
+_FLAT = 1e-10
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Topology of a mesh.
+
+    Attributes
+    ----------
+    pieces : int
+    genus : int
+        Of a mesh of one piece; -1 for more.
+    loops : list of arrays
+        Border loops, longest first in space.
+    """
+
+    pieces: int
+    genus: int
+    loops: list[Array]
+
+    @property
+    def is_disk(self) -> bool:
+        """Whether one chart holds it as it is."""
+        return self.pieces == 1 and self.genus == 0 and len(self.loops) == 1
+
+    def describe(self) -> str:
+        """Return it in words."""
+        if self.pieces > 1:
+            return f"{self.pieces} separate pieces"
+        borders = {0: "closed", 1: "one border"}.get(len(self.loops), f"{len(self.loops)} borders")
+        return f"genus {self.genus}, {borders}"
+
+
+def kind_of(mesh: Surface) -> Kind:
+    """Return the topology of a mesh.
+
+    Raises
+    ------
+    InputError
+        For a mesh without faces, with vertices that no face uses, triangles without area, or edges and vertices at which it
+        is no surface.
+    """
+    vertices, faces = mesh.vertices, mesh.faces
+    if len(faces) == 0:
+        raise InputError("the mesh has no faces; there is nothing to lay flat")
+    unused = np.flatnonzero(~used_vertices(faces, len(vertices)))
+    if len(unused):
+        raise InputError(
+            f"{len(unused)} vertices belong to no face, the first is vertex {unused[0]}; leave them out "
+            "(mesh.part(used_vertices) or read_surface(path, repair=True))"
+        )
+    corner = vertices[faces]
+    longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
+    flat = np.flatnonzero(~(doubled_areas(vertices, faces) > _FLAT * longest))
+    if len(flat):
+        raise InputError(
+            f"{len(flat)} triangles have no area, the first is face {flat[0]}; remove them, or flip or collapse an edge of each"
+        )
+    keys = edge_keys(directed_edges(faces), len(vertices))
+    if len(np.unique(keys)) < len(keys):
+        raise InputError("an edge has two faces on one side: turn or remove faces (read_surface(path, repair=True) does)")
+    topology = Topology.of(faces, len(vertices))
+    fans = np.diff(topology.offsets) - np.diff(topology.face_offsets)
+    if (fans > 1).any():
+        raise InputError(f"at vertex {int(np.argmax(fans))} the surface touches itself in a point; give each part its own vertex")
+    number, _ = pieces(faces, len(vertices))
+    loops = border_loops(faces)
+    lengths = [float(np.linalg.norm(vertices[loop] - vertices[np.roll(loop, -1)], axis=1).sum()) for loop in loops]
+    loops = [loops[k] for k in np.argsort([-x for x in lengths], kind="stable")]
+    euler = len(vertices) - len(unique_edges(faces)) + len(faces)
+    genus = (2 - len(loops) - euler) // 2 if number == 1 else -1
+    return Kind(number, genus, loops)

@@ -1,0 +1,1 @@
+"""Texturing a mesh from photographs."""
