@@ -1,0 +1,238 @@
+"""Which photographs see which vertices (Rocchini et al. 1999; Yamauchi et al. 2005, section 4.1)."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError, IntaglioWarning
+from intaglio.kernels.texels import Picture, SurfaceViews
+from intaglio.photographs.camera import Photograph
+from intaglio.render.compare import decode_srgb, encode_srgb
+from intaglio.surface import Surface, vertex_normals
+from intaglio.topology import unique_edges, used_vertices
+
+Array = np.ndarray
+Progress = Callable[[int, int], None]
+
+# Distance from the background's colour, of display values, within which a vertex lies on it.
+BACKGROUND_THRESHOLD = 0.06
+
+# Share of a photograph's border that must have one colour for that to be taken as its background.
+_PLAIN_BORDER = 0.8
+
+# A vertex hides behind nothing nearer than this, in typical edges: its own faces touch it.
+_CLEARANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Binding:
+    """Which of P photographs see which of N vertices, and in what colour.
+
+    Attributes
+    ----------
+    valid : (P, N) bool array
+        The paper's valid photographs of each vertex.
+    cosine : (P, N) float32 array
+        <N, V>: vertex normal and direction to the camera.
+    pixel : (P, N, 2) float32 array
+        Where the vertex appears; anything where it is not valid.
+    color : (P, N, 3) float32 array
+        Linear colour there; 0 where it is not valid.
+    names : tuple of str
+    notes : tuple of str
+    """
+
+    valid: Array
+    cosine: Array
+    pixel: Array
+    color: Array
+    names: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def common(self, faces: Array) -> Array:
+        """Return which photographs are valid for all corners of each face, (P, F) bool."""
+        a, b, c = (self.valid[:, faces[:, k]] for k in range(3))
+        return np.asarray(a & b & c)
+
+    def triangle_class(self, faces: Array) -> Array:
+        """Return the paper's class of each face, (F,) uint8.
+
+        1: a photograph is valid for all three corners; 2: all corners have valid photographs, but none in common; 3: a corner
+        has none.
+        """
+        bound = self.valid.any(axis=0)[faces].all(axis=1)
+        return np.where(self.common(faces).any(axis=0), 1, np.where(bound, 2, 3)).astype(np.uint8)
+
+
+def bind_photographs(
+    mesh: Surface,
+    photographs: Sequence[Photograph],
+    *,
+    background: str | ArrayLike | None = "auto",
+    background_threshold: float = BACKGROUND_THRESHOLD,
+    grazing: float = 80.0,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Binding:
+    """Find, for every vertex, the photographs that show it.
+
+    A photograph is valid for a vertex that lies in it, faces the camera, is no silhouette vertex (all its faces are turned to
+    the camera), has nothing of the mesh between it and the camera, and does not have the colour of the photograph's background.
+
+    Parameters
+    ----------
+    mesh : Surface
+    photographs : sequence of Photograph
+    background : "auto", (3,) array or None
+        Linear colour of what is behind the object. ``"auto"`` takes that of a photograph's border where nearly all of it has
+        one colour; None compares nothing. Where a photograph has alpha, that decides.
+    background_threshold : float
+        Distance of display values within which a vertex is on the background: of the median of 3 x 3 pixels, under a 3 x 3
+        Gaussian.
+    grazing : float
+        Degrees between normal and line of sight from which a vertex is not seen well enough, up to 90.
+    device : str, optional
+        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+    progress : callable, optional
+        Called with photographs done and all.
+
+    Raises
+    ------
+    InputError
+        If there are no photographs, one does not fit its calibration, or none shows any of the mesh.
+
+    Warns
+    -----
+    IntaglioWarning
+        For photographs that show nothing of the mesh; they are left without valid vertices.
+
+    References
+    ----------
+    Yamauchi et al., Textures revisited (2005), section 4.1.
+    """
+    photographs = checked_photographs(photographs)
+    if not isinstance(grazing, int | float) or not 0 < grazing <= 90:
+        raise InputError(f"grazing must be from 0 to 90 degrees, not {grazing!r}")
+    chosen = device_or_error(device)
+    if len(mesh.faces) == 0:
+        raise InputError("the mesh has no faces; photographs can't be bound to points alone")
+    normal = vertex_normals(mesh.vertices, mesh.faces)
+    views = SurfaceViews(mesh.vertices, normal, mesh.faces, chosen)
+    used = used_vertices(mesh.faces, len(mesh.vertices))
+    edges = unique_edges(mesh.faces)
+    typical = float(np.median(np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)))
+    corner = mesh.vertices[mesh.faces]
+    facet = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    count = len(mesh.vertices)
+    shape = (len(photographs), count)
+    valid, cosine = np.zeros(shape, bool), np.zeros(shape, np.float32)
+    pixel, color = np.zeros((*shape, 2), np.float32), np.zeros((*shape, 3), np.float32)
+    notes = []
+    for i, photograph in enumerate(photographs):
+        camera = photograph.camera
+        image, mask = photograph.read()
+        way = camera.center - mesh.vertices
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+        cosine[i] = np.einsum("ij,ij->i", normal, way)
+        away = np.einsum("ij,ij->i", facet, camera.center - corner[:, 0]) <= 0
+        silhouette = np.zeros(count, bool)
+        silhouette[mesh.faces[away]] = True
+        height, width = image.shape[:2]
+        pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion)
+        at, seen = views.visible(pinhole, (width, height), _CLEARANCE * typical)
+        pixel[i] = at
+        found = seen & used & ~silhouette & (cosine[i] > max(np.cos(np.radians(grazing)), 1e-6))
+        if mask is not None:
+            spot = np.rint(at[found]).astype(int)
+            found[found] = mask[np.clip(spot[:, 1], 0, height - 1), np.clip(spot[:, 0], 0, width - 1)]
+        else:
+            behind = _background(image, background)
+            if behind is not None and found.any():
+                distance = np.linalg.norm(_denoised(image, at[found]) - encode_srgb(behind), axis=1)
+                on_it = distance <= background_threshold
+                found[found] = ~on_it
+                if on_it.any():
+                    notes.append(f"{photograph.name}: {int(on_it.sum())} vertices fall on the background's colour")
+        if not found.any():
+            warnings.warn(
+                f"{photograph.name}: shows nothing of the mesh (does its camera look away?); it is left out",
+                IntaglioWarning,
+                stacklevel=2,
+            )
+            notes.append(f"{photograph.name}: shows nothing of the mesh, left out")
+        else:
+            valid[i] = found
+            which = np.flatnonzero(found)
+            spacing = 0.5 * typical * _pixels_per_unit(camera.K, way[which], camera.center - mesh.vertices[which])
+            color[i, which] = views.colors(Picture.of(image, chosen), at[which], spacing)
+        if progress is not None:
+            progress(i + 1, len(photographs))
+    if not valid.any():
+        raise InputError(
+            f"none of the {len(photographs)} photographs shows any of the mesh: are cameras and mesh in the same coordinates?"
+        )
+    return Binding(valid, cosine, pixel, color, tuple(p.name for p in photographs), tuple(notes))
+
+
+def checked_photographs(photographs: Any) -> list[Photograph]:
+    """Return a list of at least one photograph, or raise `InputError`."""
+    if isinstance(photographs, Photograph):
+        photographs = [photographs]
+    found = list(photographs)
+    if not found:
+        raise InputError("there are no photographs")
+    for one in found:
+        if not isinstance(one, Photograph):
+            raise InputError(f"photographs must be Photograph objects (read_photographs gives them), not {type(one).__name__}")
+    return found
+
+
+def _pixels_per_unit(matrix: Array, way: Array, to_camera: Array) -> Array:
+    """Return how many pixels a length of 1 across the line of sight has at each vertex."""
+    distance = np.linalg.norm(to_camera, axis=1)
+    return np.asarray(np.sqrt(matrix[0, 0] * matrix[1, 1]) / np.maximum(distance, 1e-300))
+
+
+def _background(image: Array, background: str | ArrayLike | None) -> Array | None:
+    """Return the linear colour of what is behind the object, or None."""
+    if background is None:
+        return None
+    if isinstance(background, str):
+        if background != "auto":
+            raise InputError(f"background must be 'auto', a colour or None, not {background!r}")
+        border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
+        shown = encode_srgb(border)
+        middle = np.median(shown, axis=0)
+        plain = np.linalg.norm(shown - middle, axis=1) <= BACKGROUND_THRESHOLD
+        return decode_srgb(middle) if plain.mean() >= _PLAIN_BORDER else None
+    try:
+        color = np.asarray(background, np.float32).reshape(-1)
+    except (TypeError, ValueError):
+        color = np.zeros(0, np.float32)
+    if color.shape != (3,) or not np.isfinite(color).all():
+        raise InputError(f"background must be 'auto', three linear values or None, not {background!r}")
+    return color
+
+
+def _denoised(image: Array, pixel: Array) -> Array:
+    """Return display colours (M, 3) at pixels: medians of 3 x 3, under a 3 x 3 Gaussian (1 2 1)."""
+    height, width = image.shape[:2]
+    step = np.arange(-2, 3)
+    spot = np.rint(pixel).astype(int)
+    rows = np.clip(spot[:, 1, None] + step, 0, height - 1)
+    columns = np.clip(spot[:, 0, None] + step, 0, width - 1)
+    around = encode_srgb(image[rows[:, :, None], columns[:, None, :]])
+    weight = np.outer([1, 2, 1], [1, 2, 1]) / 16.0
+    total = np.zeros((len(pixel), 3))
+    for j in range(3):
+        for i in range(3):
+            window = around[:, j : j + 3, i : i + 3].reshape(len(pixel), 9, 3)
+            total += weight[j, i] * np.median(window, axis=1)
+    return total

@@ -1,0 +1,247 @@
+"""Reading calibrated photographs: JSON, COLMAP's text model, Bundler, VisualSFM and Middlebury."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intaglio.errors import FileError, InputError
+from intaglio.files import check_readable
+from intaglio.images import READABLE_SUFFIXES, read_samples
+from intaglio.photographs.camera import Camera, Photograph
+
+Array = np.ndarray
+
+
+def read_photographs(path: str | os.PathLike[str], *, images: str | os.PathLike[str] | None = None) -> list[Photograph]:
+    """Read cameras and find their photographs. The pictures themselves are read when they are needed.
+
+    Parameters
+    ----------
+    path : path
+        One of:
+
+        - ``.json``: a list of views, or an object of views by name. A view has ``K`` and ``R`` (3 x 3), ``t`` (R X + t) or ``C``
+          (the camera's place), and may have ``image`` (file name; default the view's name), ``width`` and ``height``,
+          ``distortion`` (k1, k2), and ``present``: false to be left out;
+        - a folder with COLMAP's ``cameras.txt`` and ``images.txt``, or one of these files;
+        - ``.out``: Bundler, with ``list.txt`` beside it;
+        - ``.nvm``: VisualSFM;
+        - ``.txt``: Middlebury's ``_par.txt`` (name, K, R, t on a line).
+    images : path, optional
+        Folder of the photographs. Default: where the cameras are, or a folder ``images`` there.
+
+    Raises
+    ------
+    FileError
+        If a file is missing, or is no camera file.
+    InputError
+        If a calibration is not usable; the message names the view.
+    """
+    path = Path(path)
+    if path.is_dir():
+        if not (path / "cameras.txt").exists():
+            raise FileError(f"{path}: the folder has no cameras.txt; COLMAP writes one with model_converter --output_type TXT")
+        path = path / "cameras.txt"
+    check_readable(path)
+    reader = _reader(path)
+    folders = [Path(images)] if images is not None else [path.parent, path.parent / "images", path.parent.parent / "images"]
+    if images is not None and not Path(images).is_dir():
+        raise FileError(f"{images}: is no folder")
+    found: list[Photograph] = []
+    try:
+        for name, camera in reader(path):
+            found.append(Photograph(camera=camera(folders), picture=_picture(name, folders, path), name=name))
+    except (FileError, InputError):
+        raise
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError, UnicodeDecodeError, RecursionError) as problem:
+        raise FileError(f"{path}: is no readable camera file ({type(problem).__name__}: {problem})") from problem
+    if not found:
+        raise InputError(f"{path}: holds no view")
+    names = [p.name for p in found]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: names a view twice: {next(n for n in names if names.count(n) > 1)}")
+    return found
+
+
+# A view's name, and what makes its camera once the folders of pictures are known: some formats put the principal point in the
+# middle of the picture.
+_View = tuple[str, Callable[[list[Path]], Camera]]
+
+
+def _reader(path: Path) -> Callable[[Path], Iterator[_View]]:
+    suffix = path.suffix.lower()
+    if suffix == ".txt" and path.name.lower() in ("cameras.txt", "images.txt"):
+        return _colmap_views
+    readers = {".json": _json_views, ".out": _bundler_views, ".nvm": _nvm_views, ".txt": _middlebury_views}
+    if suffix not in readers:
+        raise FileError(f"{path}: unknown camera file {path.suffix!r}; known: {', '.join(sorted(readers))}, or COLMAP's folder")
+    return readers[suffix]
+
+
+def _picture(name: str, folders: list[Path], asked_by: Path) -> Path:
+    """Return the file of a view: its name as it is, or with an image's suffix."""
+    for folder in folders:
+        for candidate in (folder / name, *(folder / f"{name}{suffix}" for suffix in READABLE_SUFFIXES)):
+            if candidate.is_file():
+                return candidate
+    # Exported calibrations may hold paths of another machine.
+    base = name.replace("\\", "/").rsplit("/", 1)[-1]
+    if base != name:
+        return _picture(base, folders, asked_by)
+    raise FileError(
+        f"{asked_by}: the photograph {name!r} is in none of {', '.join(str(f) for f in folders)}; say where (images=, --images)"
+    )
+
+
+def _camera(name: str, path: Path, **values: Any) -> Camera:
+    try:
+        return Camera(**values)
+    except InputError as problem:
+        raise InputError(f"{path}: view {name}: {problem}") from problem
+
+
+def _json_views(path: Path) -> Iterator[_View]:
+    try:
+        data = json.loads(path.read_text("utf-8"))
+    except json.JSONDecodeError as problem:
+        raise FileError(f"{path}: is no JSON ({problem})") from problem
+    if isinstance(data, dict) and isinstance(data.get("views"), list | dict):
+        data = data["views"]
+    if isinstance(data, list):
+        views = [(str(view["image"]), view) for view in data]
+    elif isinstance(data, dict):
+        views = [(str(view.get("image", name)), view) for name, view in data.items()]
+    else:
+        raise FileError(f"{path}: holds neither a list nor an object of views")
+    for name, view in views:
+        if not view.get("present", True):
+            continue
+        missing = [key for key in ("K", "R") if key not in view]
+        if missing or not ({"t", "C"} & view.keys()):
+            raise InputError(f"{path}: view {name} lacks {', '.join(missing) or 't (or C)'}")
+        turn = np.asarray(view["R"], np.float64)
+        if turn.shape != (3, 3):
+            raise InputError(f"{path}: view {name}: R must be 3 x 3, not of shape {turn.shape}")
+        shift = np.asarray(view["t"], np.float64) if "t" in view else -turn @ np.asarray(view["C"], np.float64).reshape(3)
+        size = (int(view["width"]), int(view["height"])) if {"width", "height"} <= view.keys() else None
+        values = {"K": view["K"], "R": turn, "t": shift, "size": size, "distortion": view.get("distortion", (0.0, 0.0))}
+        yield name, lambda _, n=name, v=values: _camera(n, path, **v)
+
+
+def _rows(path: Path) -> list[list[str]]:
+    """Return the words of each line that is no comment."""
+    lines = path.read_text("utf-8").splitlines()
+    return [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _turn(w: float, x: float, y: float, z: float) -> Array:
+    """Return the rotation matrix of a quaternion."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
+
+
+# COLMAP's camera models: how many focal lengths, then the principal point, then radial terms, and how many others follow.
+_COLMAP = {
+    "SIMPLE_PINHOLE": (1, 0, 0),
+    "PINHOLE": (2, 0, 0),
+    "SIMPLE_RADIAL": (1, 1, 0),
+    "RADIAL": (1, 2, 0),
+    "OPENCV": (2, 2, 2),
+}
+
+
+def _colmap_views(path: Path) -> Iterator[_View]:
+    """COLMAP counts pixels from the corner of the first one: its centre is at (0.5, 0.5)."""
+    cameras = {}
+    for row in _rows(check_readable(path.parent / "cameras.txt")):
+        model, numbers = row[1], [float(v) for v in row[4:]]
+        if model not in _COLMAP:
+            raise InputError(f"{path}: camera {row[0]} is a {model}; known: {', '.join(_COLMAP)}. Undistort the images first")
+        focals, radial, others = _COLMAP[model]
+        if len(numbers) != focals + 2 + radial + others:
+            raise InputError(f"{path}: camera {row[0]}: {model} has {focals + 2 + radial + others} parameters, not {len(numbers)}")
+        if any(numbers[focals + 2 + radial :]):
+            raise InputError(f"{path}: camera {row[0]} has tangential distortion; undistort the images first")
+        fx, fy = numbers[0], numbers[focals - 1]
+        cx, cy = numbers[focals] - 0.5, numbers[focals + 1] - 0.5
+        terms = (*numbers[focals + 2 : focals + 2 + radial], 0.0, 0.0)[:2]
+        cameras[row[0]] = {
+            "K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
+            "size": (int(row[2]), int(row[3])),
+            "distortion": terms,
+        }
+    # Two lines a view, the second, with points, possibly empty.
+    text = check_readable(path.parent / "images.txt").read_text("utf-8")
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
+    while lines and not lines[0].strip():
+        del lines[0]
+    for line in lines[::2]:
+        row = line.split(maxsplit=9)
+        if not row:
+            continue
+        name, turn, shift = row[9], _turn(*map(float, row[1:5])), [float(v) for v in row[5:8]]
+        values = {**cameras[row[8]], "R": turn, "t": shift}
+        yield name, lambda _, n=name, v=values: _camera(n, path, **v)
+
+
+def _centred(name: str, path: Path, focal: float, folders: list[Path], **values: Any) -> Camera:
+    """Return a camera whose principal point is the middle of its photograph."""
+    height, width = read_samples(_picture(name, folders, path)).shape[:2]
+    k = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
+    return _camera(name, path, K=k, size=(width, height), **values)
+
+
+def _bundler_views(path: Path) -> Iterator[_View]:
+    """Bundler looks along -z with y up: its second and third axes are turned."""
+    rows = _rows(path)
+    count = int(rows[0][0])
+    beside = check_readable(path.parent / "list.txt")
+    names = [row[0] for row in _rows(beside)]
+    if len(names) != count:
+        raise InputError(f"{path}: has {count} cameras, but {beside} names {len(names)} photographs")
+    flip = np.diag([1.0, -1.0, -1.0])
+    for number, name in enumerate(names):
+        block = [[float(v) for v in row] for row in rows[1 + 5 * number : 6 + 5 * number]]
+        focal, k1, k2 = block[0]
+        # Photographs that could not be registered have zeros.
+        if focal == 0:
+            continue
+        values = {"R": flip @ np.array(block[1:4]), "t": flip @ np.array(block[4]), "distortion": (k1, k2)}
+        yield name, lambda folders, n=name, f=focal, v=values: _centred(n, path, f, folders, **v)
+
+
+def _nvm_views(path: Path) -> Iterator[_View]:
+    """A line a view: name, focal length, quaternion w x y z, centre, radial distortion, 0."""
+    rows = _rows(path)
+    if not rows[0][0].startswith("NVM_V3"):
+        raise FileError(f"{path}: is no NVM_V3 file")
+    count = int(rows[1][0])
+    for row in rows[2 : 2 + count]:
+        name, numbers = " ".join(row[:-10]), [float(v) for v in row[-10:]]
+        turn = _turn(*numbers[1:5])
+        if numbers[8] != 0:
+            raise InputError(f"{path}: view {name} has VisualSFM's radial distortion; export undistorted images")
+        values = {"R": turn, "t": -turn @ np.array(numbers[5:8])}
+        yield name, lambda folders, n=name, f=numbers[0], v=values: _centred(n, path, f, folders, **v)
+
+
+def _middlebury_views(path: Path) -> Iterator[_View]:
+    """A line a view: name, K, R and t, 21 numbers row by row; the first line counts them."""
+    rows = _rows(path)
+    if len(rows[0]) != 1:
+        raise FileError(f"{path}: does not begin with the number of views, as Middlebury's _par.txt does")
+    if len(rows) != int(rows[0][0]) + 1:
+        raise InputError(f"{path}: promises {rows[0][0]} views, holds {len(rows) - 1}")
+    for row in rows[1:]:
+        if len(row) != 22:
+            raise InputError(f"{path}: view {row[0]} has {len(row) - 1} numbers, not 21")
+        numbers = np.array([float(v) for v in row[1:]])
+        values = {"K": numbers[:9].reshape(3, 3), "R": numbers[9:18].reshape(3, 3), "t": numbers[18:]}
+        yield row[0], lambda _, n=row[0], v=values: _camera(n, path, **v)

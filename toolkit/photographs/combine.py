@@ -1,0 +1,259 @@
+"""One texture from several photographs (Yamauchi et al. 2005, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.kernels.texels import Picture, SurfaceViews, rasterize
+from intaglio.parameterization import Parameterization
+from intaglio.photographs.binding import Binding, bind_photographs, checked_photographs
+from intaglio.photographs.blend import SplineBlend, extended
+from intaglio.photographs.camera import Photograph
+from intaglio.photographs.exposure import exposure_gains
+from intaglio.photographs.seam_levelling import level_seams
+from intaglio.photographs.selection import best_photograph, shrunk
+from intaglio.photographs.texture import Texture
+from intaglio.photographs.vertex_colors import bound_colors, spread_colors
+from intaglio.surface import Surface, vertex_normals
+
+Array = np.ndarray
+Progress = Callable[[int, int], None]
+
+_MOST_TEXELS = 16384
+
+# Photographs that a texel's coverage names, at most.
+_NAMED = 4
+
+
+def combine_photographs(
+    mesh: Surface,
+    uv: Parameterization | Array,
+    photographs: Sequence[Photograph],
+    size: int | tuple[int, int],
+    *,
+    select: str = "best",
+    blend: str = "spline",
+    exposure: bool = True,
+    binding: Binding | None = None,
+    device: str | None = None,
+    progress: Progress | None = None,
+    **bind: Any,
+) -> Texture:
+    """Make one texture of a mesh from registered photographs.
+
+    Each texel of a face whose corners share a photograph (class one) takes its colour from photographs, sampled over the
+    texel's own footprint; faces whose corners have photographs but none in common (class two) and those with unseen corners
+    (class three) take colours interpolated between vertices, and are not ``known``.
+
+    Parameters
+    ----------
+    mesh : Surface
+    uv : Parameterization, (N, 2) or (F, 3, 2) array
+        Texture positions, of vertices or of faces' corners, in [0, 1]^2.
+    photographs : sequence of Photograph
+    size : int or (int, int)
+        Rows and columns of the texture.
+    select : {"best", "average"}
+        Take each face from the photograph that shows it with most pixels, and mix only about the borders between them; or mix
+        all that see it, weighted by <N, V>, as the paper does: what is not registered to the pixel is blurred then.
+    blend : {"spline", "none"}
+        The multiresolution spline over masks shrunk by one ring of faces, which leaves no visible borders; or plain borders.
+    exposure : bool
+        Factor out differences of exposure and white balance first.
+    binding : Binding, optional
+        From `bind_photographs`; default made here, with the options ``background``, ``background_threshold``, ``grazing``.
+    device : str, optional
+        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+    progress : callable, optional
+        Called with photographs done and all; each counts twice, for binding and for sampling.
+
+    Returns
+    -------
+    Texture
+
+    Raises
+    ------
+    InputError
+        For positions outside [0, 1]^2, a size out of range, photographs that don't fit their calibration, or if no texel is
+        seen.
+
+    References
+    ----------
+    Yamauchi et al., Textures revisited (2005), section 4. Burt and Adelson, A multiresolution spline with application to image
+    mosaics (1983). Heckbert, Fundamentals of texture mapping and image warping (1989): footprints.
+    """
+    photographs = checked_photographs(photographs)
+    for name, value, known in (("select", select, ("best", "average")), ("blend", blend, ("spline", "none"))):
+        if value not in known:
+            raise InputError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+    chosen = device_or_error(device)
+    height, width = _checked_size(size)
+    positions, corners = texture_corners(mesh, uv)
+    total = len(photographs) * (1 if binding is not None else 2)
+    if binding is None:
+        binding = bind_photographs(
+            mesh,
+            photographs,
+            device=chosen,
+            progress=None if progress is None else lambda done, _: progress(done, total),
+            **bind,
+        )
+    elif bind:
+        raise InputError(f"{', '.join(bind)} can't be given with a binding, which is made already")
+    if binding.valid.shape != (len(photographs), len(mesh.vertices)):
+        raise InputError(
+            f"the binding is for {binding.valid.shape[0]} photographs and {binding.valid.shape[1]} vertices, "
+            f"not {len(photographs)} and {len(mesh.vertices)}"
+        )
+    common = binding.common(mesh.faces)
+    if not common.any():
+        raise InputError("no face is seen whole by any photograph: every texel would be made up")
+    gains = exposure_gains(binding) if exposure else np.ones((len(photographs), 3))
+    face, weight = rasterize(positions, corners, height, width, chosen)
+    inside = face >= 0
+    if not inside.any():
+        raise InputError(f"no texel's centre lies on the surface at {height} x {width}; give a larger size")
+    views = SurfaceViews(mesh.vertices, vertex_normals(mesh.vertices, mesh.faces), mesh.faces, chosen)
+    sampler = views.texels(face, weight, positions, corners, mesh.vertices, mesh.faces)
+
+    inner = shrunk(common, mesh.faces, len(mesh.vertices))
+    if select == "best":
+        label = best_photograph(binding, mesh.faces, inner if blend == "spline" else common)
+    spline = SplineBlend((height, width), chosen) if blend == "spline" else None
+    coverage, of_average = (_Coverage((height, width), min(_NAMED, len(photographs))) for _ in range(2))
+    average, average_weight = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
+    plain = np.zeros((height, width, 3), np.float32) if blend == "none" and select == "best" else None
+    covered = np.zeros((height, width), bool)
+    for i, photograph in enumerate(photographs):
+        if common[i].any():
+            picture = Picture.of(photograph.read()[0], chosen)
+            camera = photograph.camera
+            pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion)
+            sampled = sampler.sample(pinhole, picture, common[i], gains[i])
+            facing = np.ascontiguousarray(sampled[:, :, 3])
+            defined = facing > 0
+            average += sampled[:, :, :3] * facing[:, :, None]
+            average_weight += facing
+            if select == "best":
+                mask = ((label == i)[face] & defined).astype(np.float32)
+            else:
+                mask = facing * inner[i][face]
+            mask *= inside
+            covered |= mask > 0
+            coverage.add(i, mask)
+            of_average.add(i, facing)
+            if spline is not None and mask.any():
+                spline.add(sampled[:, :, :3], defined, mask)
+            if plain is not None:
+                plain += sampled[:, :, :3] * mask[:, :, None]
+        if progress is not None:
+            progress(total - len(photographs) + i + 1, total)
+    known = average_weight > 0
+    image = np.where(known[:, :, None], average / np.maximum(average_weight, 1e-12)[:, :, None], 0).astype(np.float32)
+    at_vertices = spread_colors(*bound_colors(binding, gains), mesh.faces).astype(np.float32)
+    _interpolate(image, inside & ~known, face, weight, at_vertices, mesh.faces)
+    coverage.take(of_average, known & ~covered)
+    if plain is not None:
+        image = np.where(covered[:, :, None], plain, image)
+    if spline is not None:
+        spline.add(image, inside, (inside & ~covered).astype(np.float32))
+        image = spline.result()
+        image = level_seams(image, inside, mesh, positions, corners, face, weight)
+    notes = [*binding.notes]
+    classes = np.bincount(binding.triangle_class(mesh.faces), minlength=4)
+    notes.append(f"faces: {classes[1]} seen whole by a photograph, {classes[2]} in parts, {classes[3]} with unseen corners")
+    return Texture(
+        image=extended(image, inside, chosen),
+        known=known,
+        inside=inside,
+        photograph=coverage.photograph,
+        weight=coverage.shares(),
+        names=binding.names,
+        gains=gains,
+        notes=tuple(notes),
+    )
+
+
+class _Coverage:
+    """The strongest photographs of each texel, gathered one after the other."""
+
+    def __init__(self, shape: tuple[int, int], most: int) -> None:
+        self.photograph = np.full((*shape, most), -1, np.int16)
+        self.weight = np.zeros((*shape, most), np.float16)
+
+    def add(self, number: int, weight: Array) -> None:
+        """Count ``weight`` (H, W) for a photograph."""
+        weight = weight.astype(np.float16)
+        which = np.where(weight > 0, np.int16(number), np.int16(-1))
+        for slot in range(self.photograph.shape[2]):
+            held, name = self.weight[:, :, slot], self.photograph[:, :, slot]
+            stronger = weight > held
+            weight[stronger], held[stronger] = held[stronger], weight[stronger]
+            which[stronger], name[stronger] = name[stronger], which[stronger]
+
+    def take(self, other: _Coverage, where: Array) -> None:
+        """Take what ``other`` holds for the texels ``where`` (H, W)."""
+        self.photograph[where], self.weight[where] = other.photograph[where], other.weight[where]
+
+    def shares(self) -> Array:
+        """Return weights that add up to 1, where there are any."""
+        total = self.weight.sum(axis=2, keepdims=True, dtype=np.float32)
+        return np.where(total > 0, self.weight / np.maximum(total, 1e-12), 0).astype(np.float16)
+
+
+def _checked_size(size: int | tuple[int, int]) -> tuple[int, int]:
+    both = (size, size) if isinstance(size, int | np.integer) and not isinstance(size, bool) else size
+    try:
+        height, width = (int(n) for n in both)  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        raise InputError(f"size must be a number of texels or (rows, columns), not {size!r}") from None
+    if not (16 <= height <= _MOST_TEXELS and 16 <= width <= _MOST_TEXELS):
+        raise InputError(f"size must be from 16 to {_MOST_TEXELS} texels a side, not {height} x {width}")
+    return height, width
+
+
+def texture_corners(mesh: Surface, uv: Parameterization | Array) -> tuple[Array, Array]:
+    """Return texture positions (M, 2) and the faces' corners among them (F, 3), of any form that ``uv`` may have.
+
+    Raises
+    ------
+    InputError
+        If they don't belong to the mesh, or lie outside [0, 1]^2.
+    """
+    if isinstance(uv, Parameterization):
+        positions, corners = uv.uv, uv.faces
+    else:
+        try:
+            positions = np.asarray(uv, np.float64)
+        except (TypeError, ValueError) as problem:
+            raise InputError(f"uv is no array of numbers ({problem})") from problem
+        corners = mesh.faces
+        if positions.shape == (len(mesh.faces), 3, 2):
+            positions, corners = positions.reshape(-1, 2), np.arange(3 * len(mesh.faces)).reshape(-1, 3)
+        elif positions.shape != (len(mesh.vertices), 2):
+            raise InputError(
+                f"uv must be (N, 2) for the {len(mesh.vertices)} vertices or (F, 3, 2) for the {len(mesh.faces)} faces, "
+                f"not {positions.shape}"
+            )
+    if len(corners) != len(mesh.faces):
+        raise InputError(f"the parameterization has {len(corners)} faces, the mesh {len(mesh.faces)}")
+    used = positions[np.unique(corners)]
+    if not np.isfinite(used).all() or used.min() < -1e-6 or used.max() > 1 + 1e-6:
+        raise InputError(f"uv must be finite and in [0, 1]; it reaches from {used.min():.4g} to {used.max():.4g}")
+    return positions, corners
+
+
+def _interpolate(image: Array, where: Array, face: Array, weight: Array, colors: Array, faces: Array) -> None:
+    """Write to texels the colours of their face's corners, interpolated."""
+    at = np.flatnonzero(where)
+    corner = faces[face.reshape(-1)[at]]
+    w = weight.reshape(-1, 2)[at]
+    third = 1 - w.sum(axis=1)
+    image.reshape(-1, 3)[at] = (
+        w[:, :1] * colors[corner[:, 0]] + w[:, 1:] * colors[corner[:, 1]] + third[:, None] * colors[corner[:, 2]]
+    )

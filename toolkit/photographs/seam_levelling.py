@@ -1,0 +1,86 @@
+"""Making a texture agree on both sides of its seams, by a smooth correction over the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse.linalg import splu
+
+from intaglio.surface import Surface
+from intaglio.topology import directed_edges, edge_keys, unique_edges
+
+Array = np.ndarray
+
+# Weight of agreement across a seam, and of leaving vertices as they are, against smoothness along an edge.
+_AGREE, _STAY = 100.0, 0.01
+
+
+def level_seams(image: Array, inside: Array, mesh: Surface, uv: Array, corners: Array, face: Array, weight: Array) -> Array:
+    """Return a texture (H, W, 3) whose colours on the two sides of each seam agree.
+
+    A correction at every texture vertex makes up the difference where seams meet, and is smooth and small everywhere else
+    (as in Lempitsky & Ivanov, Seamless mosaicing of image-based texture maps, 2007, section 4).
+
+    Parameters
+    ----------
+    image : (H, W, 3) array
+    inside : (H, W) bool array
+    mesh : Surface
+    uv, corners : (M, 2), (F, 3) arrays
+        Texture positions, and the faces' corners among them.
+    face, weight : arrays
+        From `rasterize`.
+    """
+    left, right = seam_vertices(mesh, corners)
+    if len(left) == 0:
+        return image
+    count = len(uv)
+    color = _at_vertices(image, inside, uv)
+    edges = unique_edges(corners)
+    rows, columns = np.concatenate([edges[:, 0], left]), np.concatenate([edges[:, 1], right])
+    strength = np.concatenate([np.ones(len(edges)), np.full(len(left), _AGREE)])
+    graph = coo_array((np.tile(strength, 2), (np.r_[rows, columns], np.r_[columns, rows])), shape=(count, count)).tocsr()
+    system = diags_array(np.asarray(graph.sum(axis=1)).reshape(-1) + _STAY) - graph
+    step = (color[right] - color[left]) * _AGREE
+    wanted = np.zeros((count, 3))
+    np.add.at(wanted, left, step)
+    np.add.at(wanted, right, -step)
+    correction = splu(csc_array(system), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0).solve(wanted).astype(np.float32)
+    at = np.flatnonzero(face >= 0)
+    corner = corners[face.reshape(-1)[at]]
+    w = weight.reshape(-1, 2)[at]
+    levelled = image.copy()
+    levelled.reshape(-1, 3)[at] += (
+        w[:, :1] * correction[corner[:, 0]]
+        + w[:, 1:] * correction[corner[:, 1]]
+        + (1 - w.sum(axis=1))[:, None] * correction[corner[:, 2]]
+    )
+    return np.maximum(levelled, 0)
+
+
+def seam_vertices(mesh: Surface, corners: Array) -> tuple[Array, Array]:
+    """Return pairs (S,) of texture vertices that are one on the mesh, at both ends of every edge that a seam parts."""
+    edges, texture = directed_edges(mesh.faces), directed_edges(corners)
+    keys, opposite = (edge_keys(e, len(mesh.vertices)) for e in (edges, edges[:, ::-1]))
+    sorter = np.argsort(keys, kind="stable")
+    at = sorter[np.minimum(np.searchsorted(keys, opposite, sorter=sorter), len(keys) - 1)]
+    paired = np.flatnonzero((keys[at] == opposite) & (edges[:, 0] < edges[:, 1]))
+    there = at[paired]
+    left = np.concatenate([texture[paired, 0], texture[paired, 1]])
+    right = np.concatenate([texture[there, 1], texture[there, 0]])
+    pairs = np.unique(np.stack([left, right], axis=1)[left != right], axis=0)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _at_vertices(image: Array, inside: Array, uv: Array) -> Array:
+    """Return the texture's colour at its vertices, (M, 3): means over the 5 x 5 texels about each that are on the surface."""
+    height, width = inside.shape
+    row = np.clip(((1 - uv[:, 1]) * height).astype(int), 0, height - 1)
+    column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
+    share = ndimage.uniform_filter(inside.astype(np.float32), 5, mode="constant")
+    color = np.empty((len(uv), 3))
+    for c in range(3):
+        summed = ndimage.uniform_filter(np.where(inside, image[:, :, c], 0), 5, mode="constant")
+        color[:, c] = summed[row, column] / np.maximum(share[row, column], 1e-6)
+    return color
