@@ -195,10 +195,23 @@ def launch(
     run_parallel(part, range(len(ranges)))
 
 
+_held = threading.local()
+
+
 @contextmanager
 def single_threaded_blas() -> Iterator[None]:
-    """Hold BLAS to one thread, so that products of fixed shape have the same bits whatever the machine's thread count."""
+    """Hold BLAS to one thread, so that products of fixed shape have the same bits whatever the machine's thread count.
+
+    Finding the loaded BLAS libraries takes a millisecond: around many small products, hold it once; inner uses are free.
+    """
     from threadpoolctl import threadpool_limits
 
-    with threadpool_limits(limits=1, user_api="blas"):
+    if getattr(_held, "now", False):
         yield
+        return
+    _held.now = True
+    try:
+        with threadpool_limits(limits=1, user_api="blas"):
+            yield
+    finally:
+        _held.now = False

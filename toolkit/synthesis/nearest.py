@@ -24,16 +24,18 @@ class NearestWindows:
     Parameters
     ----------
     windows : (M, D) float32 array
+    components : int
+        Principal components that are compared.
     """
 
-    def __init__(self, windows: Array) -> None:
+    def __init__(self, windows: Array, components: int = COMPONENTS) -> None:
         with single_threaded_blas():
             part = windows[np.unique(np.linspace(0, len(windows) - 1, min(len(windows), _FITTED)).astype(int))]
             self._mean = part.mean(axis=0, dtype=np.float64).astype(np.float32)
             centred = (part - self._mean).astype(np.float64)
-            if centred.shape[1] > COMPONENTS:
+            if centred.shape[1] > components:
                 spread, axes = np.linalg.eigh(centred.T @ centred)
-                self._axes = np.ascontiguousarray(axes[:, np.argsort(-spread)[:COMPONENTS]], np.float32)
+                self._axes = np.ascontiguousarray(axes[:, np.argsort(-spread)[:components]], np.float32)
             else:
                 self._axes = np.eye(centred.shape[1], dtype=np.float32)
             self._points = np.ascontiguousarray(((windows - self._mean) @ self._axes).T)

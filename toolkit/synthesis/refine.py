@@ -28,7 +28,7 @@ _SIDE = 8
 # Windows are this share of their side apart, so that 16 cover every pixel.
 _PER_SIDE = 4
 
-# Windows of the sample compared with; of larger samples so many, evenly spread.
+# Windows of the sample compared with, unless asked for otherwise.
 _MOST_WINDOWS = 40_000
 
 # Windows of the canvas matched at a time, to bound memory.
@@ -69,6 +69,8 @@ def refined(
     block: int,
     passes: int,
     tileable: bool,
+    keep: Array | None = None,
+    most: int = _MOST_WINDOWS,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Array, list[int]]:
     """Return provenance (H, W, 2) in which visible seams of ``source`` are gone, and the sides of the windows used.
@@ -84,6 +86,10 @@ def refined(
         Per size of window.
     tileable : bool
         Windows wrap around.
+    keep : (H, W) bool array, optional
+        Pixels that stay what they are; windows over them are matched like all others.
+    most : int
+        Windows of the sample compared with; of more so many, evenly spread.
     progress : callable, optional
         Called with passes done and all passes.
 
@@ -92,14 +98,18 @@ def refined(
     Kwatra et al., Texture optimization for example-based synthesis (2005); Han et al., Fast example-based surface texture
     synthesis via discrete optimization (2006).
     """
-    most = min(max(SIDES[-1], 1.25 * block), *source.shape[:2], *sample.usable.shape)
-    sizes = [_sample_windows(sample, side) for side in SIDES if side <= most]
+    largest = min(max(SIDES[-1], 1.25 * block), *source.shape[:2], *sample.usable.shape)
+    sizes = [_sample_windows(sample, side, most) for side in SIDES if side <= largest]
     found = [windows for windows in sizes if windows is not None]
     source = source.astype(np.int64)
     for place, windows in enumerate(found):
         values = _read(sample.features, source)
         for number in range(passes):
+            before = source
             source, values = _pass(sample.features, windows, source, values, tileable, copy=number == passes - 1)
+            if keep is not None:
+                source = np.where(keep[:, :, None], before, source)
+                values = np.where(keep, _read(sample.features, source), values)
             if progress is not None:
                 progress(place * passes + number + 1, passes * len(found))
     if progress is not None and not found:
@@ -112,14 +122,14 @@ def _read(features: Array, source: Array) -> Array:
     return features[:, source[..., 0], source[..., 1]]
 
 
-def _sample_windows(sample: SampleMaps, side: int) -> _Windows | None:
+def _sample_windows(sample: SampleMaps, side: int, most: int) -> _Windows | None:
     """Return the sample's windows of ``side`` pixels; None if it has none."""
     whole = window_starts(sample.usable, side)
     corner = np.argwhere(whole)
     if len(corner) == 0:
         return None
-    if len(corner) > _MOST_WINDOWS:
-        corner = corner[np.linspace(0, len(corner) - 1, _MOST_WINDOWS).astype(int)]
+    if len(corner) > most:
+        corner = corner[np.linspace(0, len(corner) - 1, most).astype(int)]
     means = _box_means(sample.features, side)
     return _Windows(side, whole, means, corner, NearestWindows(_descriptors(means, corner, side)))
 

@@ -1,0 +1,322 @@
+"""Multiresolution synthesis inside a mask by causal kernels of eight orientations (Yamauchi et al. 2005, section 5.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import ndimage
+
+from intaglio.errors import InputError
+from intaglio.kernels.launch import single_threaded_blas
+from intaglio.synthesis.nearest import NearestWindows
+
+Array = np.ndarray
+Progress = Callable[[int, int], None]
+
+# The 5 x 5 causal kernel: two rows above, and two pixels to the left.
+_CAUSAL = [(-2, dx) for dx in range(-2, 3)] + [(-1, dx) for dx in range(-2, 3)] + [(0, -2), (0, -1)]
+_AROUND = [(dy, dx) for dy in range(-1, 2) for dx in range(-1, 2)]
+
+# Its eight orientations (figure 14): quarter turns, and their mirror images.
+_QUARTER = np.array([[0, 1], [-1, 0]])
+_MIRROR = np.array([[1, 0], [0, -1]])
+ORIENTATIONS = [np.linalg.matrix_power(_QUARTER, q) @ m for m in (np.eye(2, dtype=int), _MIRROR) for q in range(4)]
+
+# Neighbourhoods in one search structure; of larger images so many, evenly spread. Coherent candidates come from everywhere.
+_MOST_WINDOWS = 8_000
+
+# Principal components of a neighbourhood that are compared; the candidates they lead to are weighed whole.
+_COMPONENTS = 24
+
+# Width of the frame around an image that kernels may reach into.
+_FRAME = 2
+
+# Burt and Adelson's kernel, a = 0.4.
+_BURT = np.array([0.05, 0.25, 0.4, 0.25, 0.05])
+
+
+class _Level:
+    """One level of the pyramid.
+
+    Attributes
+    ----------
+    values : (H, W, C) float32 array
+        What is known, and estimates elsewhere, replaced as they are synthesised.
+    known : (H, W) bool array
+        Pixels that no missing one contributed to.
+    chart : (H, W) int32 array
+        Number of the chart that a pixel lies in, 0 outside.
+    source : (H, W, 2) int32 array
+        Place that each pixel copies; itself where known, -1 where nothing yet.
+    """
+
+    def __init__(self, values: Array, known: Array, chart: Array) -> None:
+        self.known, self.chart = known, chart
+        # With a frame around, neighbours of a pixel are at fixed steps from it in one flat array.
+        framed = np.pad(values, ((_FRAME, _FRAME), (_FRAME, _FRAME), (0, 0)), mode="edge")
+        self.values = framed[_FRAME:-_FRAME, _FRAME:-_FRAME]
+        self._flat, self._width = framed.reshape(-1, values.shape[2]), framed.shape[1]
+        places = np.stack(np.indices(known.shape), axis=2).astype(np.int32)
+        self.source = np.where(known[:, :, None], places, -1)
+
+    def around(self, pixels: Array, steps: Array) -> Array:
+        """Return the values (M, K C) at ``steps`` (M, K, 2) or (K, 2), at most `_FRAME` long, from pixels (M, 2)."""
+        at = (pixels[:, 0] + _FRAME) * self._width + pixels[:, 1] + _FRAME
+        step = steps[..., 0] * self._width + steps[..., 1]
+        return self._flat.take(at[:, None] + step, axis=0).reshape(len(pixels), -1)
+
+
+def fill(
+    high: Array,
+    missing: Array,
+    chart: Array,
+    *,
+    levels: int,
+    coherence: float,
+    rotations: bool,
+    progress: Progress | None = None,
+) -> Array:
+    """Return the place (H, W, 2) that every pixel of a band copies: itself where known.
+
+    Parameters
+    ----------
+    high : (H, W, C) float32 array
+        The band; values where ``missing`` are estimates, used where a kernel has nothing better.
+    missing : (H, W) bool array
+    chart : (H, W) int array
+        0 outside; neighbourhoods do not leave the chart of their pixel.
+    levels : int
+        Of the Gaussian pyramid, the paper's n + 1.
+    coherence : float
+        The paper's kappa of coherent matching (Hertzmann et al. 2001): on the finest level, the place next to a neighbour's
+        source is taken if it is at most 1 + coherence times as far as the nearest neighbourhood; half of that on each coarser
+        one.
+    rotations : bool
+        Compare with neighbourhoods turned and mirrored, too.
+    progress : callable, optional
+        Called with pixels done and all, of all levels.
+
+    Raises
+    ------
+    InputError
+        If no whole neighbourhood is known.
+    """
+    pyramid = _pyramid(high, missing, chart, levels)
+    total = sum(int((~level.known & (level.chart > 0)).sum()) for level in pyramid)
+    done = 0
+    with single_threaded_blas():
+        for number in range(len(pyramid) - 1, -1, -1):
+            if number + 1 < len(pyramid):
+                _estimate(pyramid[number], pyramid[number + 1])
+            done = _fill_level(pyramid, number, coherence / 2**number, rotations, done, total, progress)
+    return pyramid[0].source
+
+
+def _pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Level]:
+    """Return levels, finest first, as many as leave whole neighbourhoods to copy from."""
+    found: list[_Level] = []
+    values, known, chart = high.astype(np.float32), ~missing & (chart > 0), chart.astype(np.int32)
+    for number in range(levels):
+        if number and not _whole(known, chart).any():
+            break
+        found.append(_Level(values, known, chart))
+        # A coarse pixel is known if no missing pixel has any weight in it (the paper's quantised mask pyramid).
+        touched = ndimage.maximum_filter(~known & (chart > 0), 5, mode="constant")
+        inside = (chart > 0).astype(np.float32)
+        weight = _smoothed(inside)
+        planes = [_smoothed(values[:, :, c] * inside) / np.maximum(weight, 1e-6) for c in range(values.shape[2])]
+        values = np.stack(planes, axis=2)[::2, ::2].astype(np.float32)
+        known, chart = (~touched & (chart > 0))[::2, ::2], chart[::2, ::2]
+        if min(known.shape) < 16:
+            break
+    return found
+
+
+def _smoothed(plane: Array) -> Array:
+    rows = ndimage.correlate1d(plane, _BURT, axis=0, mode="nearest")
+    smooth: Array = ndimage.correlate1d(rows, _BURT, axis=1, mode="nearest")
+    return smooth
+
+
+def _whole(known: Array, chart: Array) -> Array:
+    """Return pixels whose 5 x 5 surroundings are known and of one chart."""
+    same = ndimage.minimum_filter(chart, 5, mode="constant") == ndimage.maximum_filter(chart, 5, mode="constant")
+    return np.asarray(ndimage.minimum_filter(known, 5, mode="constant", cval=0) & same)
+
+
+def _estimate(level: _Level, coarse: _Level) -> None:
+    """Write what the coarser level found to this level's missing pixels."""
+    height, width = level.known.shape
+    large = np.repeat(np.repeat(coarse.values, 2, axis=0), 2, axis=1)[:height, :width]
+    open_now = ~level.known & (level.chart > 0)
+    level.values[open_now] = large[open_now]
+
+
+def _fill_level(
+    pyramid: list[_Level],
+    number: int,
+    coherence: float,
+    rotations: bool,
+    done: int,
+    total: int,
+    progress: Progress | None,
+) -> int:
+    """Synthesise the missing pixels of one level from the border inwards; return the number of pixels done."""
+    level = pyramid[number]
+    open_now = ~level.known & (level.chart > 0)
+    if not open_now.any():
+        return done
+    whole = _whole(level.known, level.chart)
+    if not whole.any():
+        raise InputError("no 5 x 5 neighbourhood of known pixels is left to copy from; the mask covers nearly everything")
+    table = _Table(pyramid, number, np.argwhere(whole), rotations)
+    pixels = np.argwhere(open_now)
+    front = _Front(open_now, level.chart, pixels)
+    ring = ndimage.distance_transform_cdt(open_now, metric="taxicab")[open_now]
+    remaining = np.arange(len(pixels))
+    limit = int(ring.min())
+    while len(remaining):
+        # All that the ring allows and a kernel fits; pixels no kernel fits wait for the next ring.
+        fits = (ring[remaining] <= limit) & front.fits(remaining)
+        if not fits.any():
+            if limit < ring[remaining].max():
+                limit += 1
+                continue
+            # Nowhere does a kernel fit (a hole at the image's border, or nothing but slivers known): the ones that fit best.
+            fits = ring[remaining] == ring[remaining].min()
+        chosen = remaining[fits]
+        source = _matched(pyramid, number, table, pixels[chosen], front.orientation(chosen), coherence, whole)
+        y, x = pixels[chosen].T
+        level.source[y, x] = source
+        level.values[y, x] = level.values[source[:, 0], source[:, 1]]
+        front.fill(pixels[chosen])
+        remaining = remaining[~fits]
+        done += len(chosen)
+        if progress is not None:
+            progress(done, total)
+    return done
+
+
+class _Front:
+    """How many pixels each kernel still lacks, for all open pixels; kept up as they are filled."""
+
+    def __init__(self, open_now: Array, chart: Array, pixels: Array) -> None:
+        self._number = np.full(open_now.shape, -1)
+        self._number[open_now] = np.arange(len(pixels))
+        self._chart = chart
+        there = self._inside(pixels[:, None, None, :] + _OWN, chart[pixels[:, 0], pixels[:, 1]][:, None, None], ~open_now)
+        self._lacking = (len(_CAUSAL) - there.sum(axis=2)).astype(np.int16)
+
+    def _inside(self, at: Array, chart: Array, mask: Array) -> Array:
+        """Return which places lie in the image, in the ``chart`` and in the ``mask``."""
+        height, width = mask.shape
+        y, x = at[..., 0], at[..., 1]
+        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+        y, x = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
+        return np.asarray(within & mask[y, x] & (self._chart[y, x] == chart))
+
+    def fits(self, which: Array) -> Array:
+        """Return which of the open pixels (by number) have a kernel that lacks nothing."""
+        return np.asarray((self._lacking[which] == 0).any(axis=1))
+
+    def orientation(self, which: Array) -> Array:
+        """Return an orientation that lacks least for each of the open pixels ``which`` (by number): few different ones."""
+        lacking = self._lacking[which]
+        possible = lacking == lacking.min(axis=1, keepdims=True)
+        found = np.full(len(which), -1)
+        while (found < 0).any():
+            common = int(possible[found < 0].sum(axis=0).argmax())
+            found[(found < 0) & possible[:, common]] = common
+        return found
+
+    def fill(self, pixels: Array) -> None:
+        """Count pixels (M, 2) as filled."""
+        at = pixels[:, None, None, :] - _OWN
+        chart = self._chart[pixels[:, 0], pixels[:, 1]][:, None, None]
+        waits = self._inside(at, chart, self._number >= 0)
+        _, orientation, _ = np.nonzero(waits)
+        spot = at[waits]
+        np.subtract.at(self._lacking, (self._number[spot[:, 0], spot[:, 1]], orientation), 1)
+        self._number[pixels[:, 0], pixels[:, 1]] = -1
+
+
+def _offsets(orientation: int, pattern: list[tuple[int, int]]) -> Array:
+    return np.array(pattern) @ ORIENTATIONS[orientation].T
+
+
+_OWN = np.stack([_offsets(o, _CAUSAL) for o in range(8)])
+_COARSE = np.stack([_offsets(o, _AROUND) for o in range(8)])
+
+
+def _neighbourhoods(pyramid: list[_Level], number: int, pixels: Array, orientation: Array) -> Array:
+    """Return neighbourhood vectors (M, D): the kernel here, 3 x 3 on the next level, single pixels on all higher ones."""
+    parts = [pyramid[number].around(pixels, _OWN[orientation])]
+    for above in range(number + 1, len(pyramid)):
+        steps = _COARSE[orientation] if above == number + 1 else np.zeros((1, 2), int)
+        parts.append(pyramid[above].around(pixels >> (above - number), steps))
+    return np.concatenate(parts, axis=1)
+
+
+class _Table:
+    """Known neighbourhoods of one level: a search structure for each orientation, or one over all of them."""
+
+    def __init__(self, pyramid: list[_Level], number: int, candidates: Array, rotations: bool) -> None:
+        most = _MOST_WINDOWS // (8 if rotations else 1) * (2 if rotations else 1)
+        if len(candidates) > most:
+            candidates = candidates[np.linspace(0, len(candidates) - 1, most).astype(int)]
+        self._pyramid, self._number, self._rotations = pyramid, number, rotations
+        self._candidates = candidates
+        self._nearest: dict[int, NearestWindows] = {}
+        self._places = np.tile(candidates, (8, 1)) if rotations else candidates
+
+    def find(self, orientation: int, queries: Array) -> Array:
+        """Return the place (Q, 2) of the nearest neighbourhood for queries (Q, D) of one orientation."""
+        key = 0 if self._rotations else orientation
+        if key not in self._nearest:
+            turned = range(8) if self._rotations else (orientation,)
+            rows = [
+                _neighbourhoods(self._pyramid, self._number, self._candidates, np.full(len(self._candidates), o)) for o in turned
+            ]
+            self._nearest[key] = NearestWindows(np.concatenate(rows), _COMPONENTS)
+        return np.asarray(self._places[self._nearest[key].find(queries)])
+
+
+def _matched(
+    pyramid: list[_Level], number: int, table: _Table, pixels: Array, orientation: Array, coherence: float, whole: Array
+) -> Array:
+    """Return the place (M, 2) that each pixel copies: of the nearest neighbourhood, or one that continues a neighbour's."""
+    level = pyramid[number]
+    query = _neighbourhoods(pyramid, number, pixels, orientation)
+    place = np.zeros_like(pixels)
+    for o in np.unique(orientation):
+        which = orientation == o
+        place[which] = table.find(int(o), query[which])
+    least = np.sum((_neighbourhoods(pyramid, number, place, orientation) - query) ** 2, axis=1)
+    height, width = level.known.shape
+    steps = _OWN[orientation]
+    around = pixels[:, None, :] + steps
+    y, x = np.clip(around[..., 0], 0, height - 1), np.clip(around[..., 1], 0, width - 1)
+    continued = level.source[y, x] - steps
+    # Known neighbours copy themselves: what continues them is the missing pixel.
+    inside = ~level.known[y, x] & (continued >= 0).all(axis=2) & (continued < (height, width)).all(axis=2)
+    inside &= level.source[y, x, 0] >= 0
+    row, slot = np.nonzero(inside)
+    spot = continued[row, slot]
+    place_number = spot[:, 0] * width + spot[:, 1]
+    # Neighbours often agree.
+    key = np.unique(row * (height * width) + place_number)
+    row, place_number = key // (height * width), key % (height * width)
+    spot = np.stack([place_number // width, place_number % width], axis=1)
+    usable = whole[spot[:, 0], spot[:, 1]]
+    row, spot = row[usable], spot[usable]
+    if len(row) == 0:
+        return place
+    away = np.sum((_neighbourhoods(pyramid, number, spot, orientation[row]) - query[row]) ** 2, axis=1)
+    order = np.lexsort((away, row))
+    row, spot, away = row[order], spot[order], away[order]
+    first = np.concatenate([[True], row[1:] != row[:-1]])
+    row, spot, away = row[first], spot[first], away[first]
+    take = away <= least[row] * (1 + coherence) ** 2
+    place[row[take]] = spot[take]
+    return place

@@ -1,0 +1,129 @@
+"""Fast inpainting by isotropic diffusion (Oliveira et al. 2001), brought to its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from intaglio.restoration.solve import DIRECT, solved
+
+Array = np.ndarray
+
+# The diffusion kernel of Oliveira et al. (2001), figure 1: its middle is zero.
+_DIAGONAL, _DIRECT_NEIGHBOUR = 0.073235, 0.176765
+_STEPS = [
+    (dy, dx, _DIAGONAL if dy and dx else _DIRECT_NEIGHBOUR) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)
+]
+
+
+def inpaint(image: Array, missing: Array, *, usable: Array, barriers: Array | None = None) -> Array:
+    """Return an image (H, W, C) float32 whose missing pixels are the limit of diffusion from the known ones.
+
+    Repeating Oliveira's convolution until nothing changes is solving for the image that it leaves as it is; many missing pixels
+    are solved on an image of half the size first. Pixels that no known one can reach take the mean of all known ones.
+
+    Parameters
+    ----------
+    image : (H, W, C) array
+        Values where ``missing`` may be anything.
+    missing : (H, W) bool array
+    usable : (H, W) bool array
+        Pixels that belong to the image at all; the others neither give nor take, and are zero.
+    barriers : (H, W) bool array, optional
+        Pixels across which nothing diffuses: they take colour, but give none.
+
+    References
+    ----------
+    Oliveira et al., Fast digital image inpainting (2001), section 3.
+    """
+    values = np.where((missing | ~usable)[:, :, None], 0, image).astype(np.float32)
+    missing, known = missing & usable, usable & ~missing
+    if not missing.any() or not known.any():
+        return values
+    walls = np.zeros_like(missing) if barriers is None else barriers
+    gives = (known | missing) & ~walls
+    return _diffused(values, missing, known, gives)
+
+
+def _diffused(values: Array, missing: Array, known: Array, gives: Array) -> Array:
+    """Solve for the missing pixels that give, then let walls take what lies beside them."""
+    mean = values[known].mean(axis=0)
+    # Islands of missing pixels that touch no known one have no answer but the mean.
+    region, _ = ndimage.label(gives, structure=np.ones((3, 3)))
+    reached = np.isin(region, np.unique(region[known & gives])) & gives
+    unknown = missing & reached
+    result = values.copy()
+    result[missing] = mean
+    if unknown.any():
+        start = values
+        if unknown.sum() > DIRECT:
+            start = _coarse_answer(values, missing, known, gives)
+        result[unknown] = _limit(values, unknown, reached, start)
+    done = known | unknown
+    walls = missing & ~gives
+    while (walls & ~done).any():
+        grown = walls & ~done & ndimage.binary_dilation(done, np.ones((3, 3)))
+        if not grown.any():
+            break
+        result[grown] = _means(result, done, grown)
+        done |= grown
+    return result
+
+
+def _limit(values: Array, unknown: Array, conducts: Array, start: Array) -> Array:
+    """Return the unknown pixels' values (M, C): each the weighted mean of its neighbours that conduct."""
+    count = int(unknown.sum())
+    number = np.full(unknown.shape, -1)
+    number[unknown] = np.arange(count)
+    total, right = np.zeros(count), np.zeros((count, values.shape[2]))
+    rows, columns, weights = [], [], []
+    for pixel, y, x, weight in _neighbours(unknown, conducts):
+        total[pixel] += weight
+        known = ~unknown[y, x]
+        right[pixel[known]] += weight * values[y[known], x[known]]
+        rows.append(pixel[~known])
+        columns.append(number[y[~known], x[~known]])
+        weights.append(np.full(len(columns[-1]), -weight))
+    table = coo_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(count, count))
+    return solved(csr_array(table + diags_array(total)), right, start[unknown].astype(np.float64))
+
+
+def _means(values: Array, done: Array, pixels: Array) -> Array:
+    """Return the weighted means (M, C) of what is done beside ``pixels``."""
+    count = int(pixels.sum())
+    total, summed = np.zeros(count), np.zeros((count, values.shape[2]))
+    for pixel, y, x, weight in _neighbours(pixels, done):
+        total[pixel] += weight
+        summed[pixel] += weight * values[y, x]
+    return np.asarray(summed / total[:, None])
+
+
+def _neighbours(pixels: Array, conducts: Array) -> Iterator[tuple[Array, Array, Array, float]]:
+    """Yield, for each step of the kernel, the ``pixels`` (by number) with a neighbour that conducts, its place, and the weight."""
+    y, x = np.nonzero(pixels)
+    for dy, dx, weight in _STEPS:
+        ny, nx = y + dy, x + dx
+        there = (ny >= 0) & (ny < pixels.shape[0]) & (nx >= 0) & (nx < pixels.shape[1])
+        there[there] = conducts[ny[there], nx[there]]
+        yield np.flatnonzero(there), ny[there], nx[there], weight
+
+
+def _coarse_answer(values: Array, missing: Array, known: Array, gives: Array) -> Array:
+    """Return a start (H, W, C) from the same task on means of 2 x 2 pixels."""
+    seen = known & gives
+    weight = _blocks(seen)
+    planes = [_blocks(np.where(seen, values[:, :, c], 0)) for c in range(values.shape[2])]
+    mean = (np.stack(planes, axis=2) / np.maximum(weight, 1)[:, :, None]).astype(np.float32)
+    open_now = (weight == 0) & (_blocks(missing & gives) > 0)
+    below = _diffused(mean, open_now, weight > 0, open_now | (weight > 0))
+    return np.repeat(np.repeat(below, 2, axis=0), 2, axis=1)[: missing.shape[0], : missing.shape[1]]
+
+
+def _blocks(plane: Array) -> Array:
+    """Return sums over blocks of 2 x 2."""
+    even = np.pad(plane.astype(np.float32), ((0, plane.shape[0] % 2), (0, plane.shape[1] % 2)))
+    total: Array = even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]
+    return total

@@ -1,0 +1,82 @@
+"""Seam correction: filled pixels take the differences between neighbours of what they copy (Pérez et al. 2003)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from intaglio.restoration.solve import solved
+
+Array = np.ndarray
+
+# Pull towards what was filled, against a difference between neighbours: it settles islands that no known pixel borders.
+_PULL = 1e-4
+
+
+def corrected(filled: Array, band: Array, source: Array, missing: Array, chart: Array) -> Array:
+    """Return the band (H, W, C) with its missing pixels fitted to known neighbours and to their sources' differences.
+
+    Minimises sum (u_p - u_q - g_pq)^2 over neighbours p, q of which one at least is missing; g_pq is the difference between
+    the source of p and the pixel beside it in q's direction, the mean of both ends' where both are filled.
+
+    Parameters
+    ----------
+    filled : (H, W, C) array
+        Known pixels, and in missing ones what they copy.
+    band : (H, W, C) array
+        What is copied from.
+    source : (H, W, 2) int array
+    missing : (H, W) bool array
+    chart : (H, W) int array
+        Pixels of different charts are no neighbours; 0 is none.
+    """
+    number = np.full(missing.shape, -1)
+    number[missing] = np.arange(missing.sum())
+    count = int(missing.sum())
+    if count == 0:
+        return filled
+    height, width = missing.shape
+    diagonal = np.zeros(count)
+    right = np.zeros((count, filled.shape[2]))
+    rows, columns = [], []
+    y, x = np.nonzero(missing)
+    usable = chart > 0
+    for dy, dx in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        ny, nx = y + dy, x + dx
+        inside = (ny >= 0) & (ny < height) & (nx >= 0) & (nx < width)
+        py, px, qy, qx = y[inside], x[inside], ny[inside], nx[inside]
+        same = usable[qy, qx] & (chart[py, px] == chart[qy, qx])
+        py, px, qy, qx = py[same], px[same], qy[same], qx[same]
+        p = number[py, px]
+        wanted = _difference(band, source[py, px], (dy, dx), missing, usable)
+        back = _difference(band, source[qy, qx], (-dy, -dx), missing, usable)
+        both = np.isfinite(back[:, 0]) & missing[qy, qx]
+        wanted = np.where(both[:, None], np.where(np.isfinite(wanted), (wanted - back) / 2, -back), wanted)
+        # Where neither end's source has such a neighbour, what was filled tells.
+        wanted = np.where(np.isfinite(wanted), wanted, filled[py, px] - filled[qy, qx])
+        diagonal += np.bincount(p, minlength=count)
+        known = ~missing[qy, qx]
+        for c in range(filled.shape[2]):
+            amount = wanted[:, c] + np.where(known, filled[qy, qx, c], 0)
+            right[:, c] += np.bincount(p, amount, count)
+        rows.append(p[~known])
+        columns.append(number[qy, qx][~known])
+    r, c_ = np.concatenate(rows), np.concatenate(columns)
+    start = filled[missing].astype(np.float64)
+    right += _PULL * start
+    off = csr_array((np.full(len(r), -1.0), (r, c_)), shape=(count, count))
+    system = off + csr_array((diagonal + _PULL, np.arange(count), np.arange(count + 1)), shape=(count, count))
+    result = filled.copy()
+    result[missing] = solved(csr_array(system), right, start)
+    return result
+
+
+def _difference(band: Array, at: Array, step: tuple[int, int], missing: Array, usable: Array) -> Array:
+    """Return value(at) - value(at + step), (M, C); NaN where the neighbour is not known."""
+    beside = at + np.array(step)
+    inside = ((beside >= 0) & (beside < missing.shape)).all(axis=1)
+    safe = np.where(inside[:, None], beside, at)
+    known = inside & ~missing[safe[:, 0], safe[:, 1]] & usable[safe[:, 0], safe[:, 1]]
+    found = band[at[:, 0], at[:, 1]].astype(np.float64) - band[safe[:, 0], safe[:, 1]]
+    found[~known] = np.nan
+    return np.asarray(found)

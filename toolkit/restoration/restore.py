@@ -1,0 +1,276 @@
+"""Filling what is missing of an image: structure by diffusion, detail by synthesis (Yamauchi et al. 2005, section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.restoration.fill import fill
+from intaglio.restoration.frequency import MOST_SUBBANDS, chosen_kappa, low_band
+from intaglio.restoration.inpaint import inpaint
+from intaglio.restoration.poisson import corrected
+from intaglio.synthesis.refine import SIDES, refined
+from intaglio.synthesis.sample import SampleMaps, checked_choice, checked_count, checked_mask, checked_number
+
+Array = np.ndarray
+Progress = Callable[[int, int], None]
+
+# Windows of the known part that the filled one is matched with.
+_MOST_WINDOWS = 8_000
+
+METHODS = ("split", "inpaint", "synthesize")
+
+
+@dataclass(frozen=True)
+class Restoration:
+    """A restored image, and how it came about.
+
+    Attributes
+    ----------
+    image : (H, W) or (H, W, C) array
+        Of the given image's type; known pixels have its bits.
+    missing : (H, W) bool array
+        What was filled.
+    source : (H, W, 2) int32 array
+        Row and column of the pixel whose detail each pixel carries: itself where known. All themselves for inpainting alone.
+    low : (H, W) or (H, W, C) float32 array
+        The low band, with its missing part inpainted; zero for synthesis alone.
+    kappa : int
+        Number of subbands in it.
+    notes : tuple of str
+    """
+
+    image: Array
+    missing: Array
+    source: Array
+    low: Array
+    kappa: int
+    notes: tuple[str, ...] = ()
+
+
+def restore(image: Array, missing: Array, method: str = "split", **options: Any) -> Array:
+    """Fill the missing pixels of an image; see `restoration`, which also tells how, for all options.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        Values in the missing pixels may be anything.
+    missing : (H, W) bool array
+        True where to fill.
+    method : {"split", "inpaint", "synthesize"}
+        Both bands, each by the method that suits it; or one method for the whole image.
+
+    Returns
+    -------
+    array
+        Of the image's shape and type; known pixels unchanged to the bit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> image = np.full((32, 32), 0.5, np.float32)
+    >>> hole = np.zeros((32, 32), bool)
+    >>> hole[10:20, 12:18] = True
+    >>> bool(np.allclose(restore(np.where(hole, 0, image), hole), 0.5))
+    True
+    """
+    return restoration(image, missing, method, **options).image
+
+
+def restoration(
+    image: Array,
+    missing: Array,
+    method: str = "split",
+    *,
+    kappa: int | None = None,
+    levels: int = 3,
+    coherence: float = 5.0,
+    rotations: bool = False,
+    refine: int = 1,
+    seams: bool = True,
+    barriers: Array | None = None,
+    inside: Array | None = None,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Restoration:
+    """Fill the missing pixels of an image, and tell how.
+
+    The image is split by a cosine transform. What is missing of the low band, its large structures and gradients, is inpainted
+    by diffusion; what is missing of the high band, its detail, is synthesised from the known part, neighbourhood by
+    neighbourhood, on a Gaussian pyramid. The sum is the result.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        Of floats or integers, in the values that should look alike: display values rather than linear ones.
+    missing : (H, W) bool array
+    method : {"split", "inpaint", "synthesize"}
+    kappa : int, optional
+        Number of subbands of the low band, 0 to 512. Default: the lowest that leaves the high band homogeneous.
+    levels : int
+        Of the pyramid, 1 to 6: the paper's n + 1.
+    coherence : float
+        Weight of continuing what neighbours copy over taking the nearest neighbourhood, 0 to 100 (Hertzmann et al. 2001).
+    rotations : bool
+        Also compare with neighbourhoods turned by quarters and mirrored.
+    refine : int
+        Passes of texture optimisation over the filled region for each size of window, 0 to 10; 0: the paper's synthesis alone.
+    seams : bool
+        Fit filled pixels to the known ones around them by their sources' differences (Poisson).
+    barriers : (H, W) bool array, optional
+        Pixels that give no colour when diffusing, so that an edge stays an edge (two pixels wide to hold diagonally).
+    inside : (H, W) bool or int array, optional
+        Pixels that belong to the image, or the number of the chart they belong to, 0 for none. What is outside neither gives
+        nor takes, stays as it is, and neighbourhoods don't leave their chart.
+    device : str, optional
+        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+    progress : callable, optional
+        Called with pixels done and all, of all levels of the synthesis.
+
+    Raises
+    ------
+    InputError
+        For shapes that don't fit, known values that are not finite, a mask that covers everything, or options out of range.
+
+    References
+    ----------
+    Yamauchi et al., Textures revisited (2005), section 5. Oliveira et al., Fast digital image inpainting (2001). Hertzmann et
+    al., Image analogies (2001). Pérez et al., Poisson image editing (2003).
+    """
+    checked_choice("method", method, METHODS)
+    levels = checked_count("levels", levels, 1, 6)
+    refine = checked_count("refine", refine, 0, 10)
+    coherence = checked_number("coherence", coherence, 0, 100)
+    if kappa is not None:
+        kappa = checked_count("kappa", kappa, 0, 512)
+    chosen = device_or_error(device)
+    given = _checked_image(image)
+    shape = given.shape[:2]
+    hole = checked_mask("missing", missing, shape)
+    stops = None if barriers is None else checked_mask("barriers", barriers, shape)
+    chart = _checked_charts(inside, shape)
+    usable = chart > 0
+    hole = hole & usable
+    known = usable & ~hole
+    if not known.any():
+        raise InputError("missing covers everything; there is nothing left to restore from")
+    values = given.reshape(*shape, -1)
+    bad = ~np.isfinite(values).all(axis=2) & known
+    if bad.any():
+        y, x = np.argwhere(bad)[0]
+        raise InputError(f"{int(bad.sum())} known pixels are not finite, the first in row {y}, column {x}; mark them missing")
+    here = np.stack(np.indices(shape), axis=2).astype(np.int32)
+    if not hole.any():
+        low = np.zeros(given.shape, np.float32)
+        return Restoration(given.copy(), hole, here, low, 0, ("nothing is missing",))
+
+    # Brought to a range of 1, so that tolerances mean the same for all images.
+    low_end, high_end = float(values[known].min()), float(values[known].max())
+    span = high_end - low_end or 1.0
+    scaled = np.where(known[:, :, None], (np.where(known[:, :, None], values, 0) - low_end) / span, 0).astype(np.float32)
+    smooth = inpaint(scaled, hole, usable=usable, barriers=stops)
+    notes: list[str] = []
+    source = here
+    if method == "inpaint":
+        result, low, bands = smooth, smooth, MOST_SUBBANDS
+    else:
+        # Transforms see the whole rectangle: outside, the nearest colours go on.
+        whole = _everywhere(smooth, usable)
+        if method == "synthesize":
+            bands = 0
+        else:
+            bands = chosen_kappa(whole) if kappa is None else kappa
+            notes.append(f"low band: {bands} subbands" + (", chosen by the high band's autocorrelation" if kappa is None else ""))
+        low = low_band(whole, bands)
+        high = whole - low
+        if bands:
+            low = inpaint(low, hole, usable=usable, barriers=stops)
+        source = fill(
+            np.where(hole[:, :, None], 0 if bands else high, high),
+            hole,
+            chart,
+            levels=levels,
+            coherence=coherence,
+            rotations=rotations,
+            progress=progress,
+        )
+        source = _refined(high, known, source, hole, refine, notes)
+        detail = high[source[:, :, 0], source[:, :, 1]]
+        if seams:
+            detail = corrected(detail, high, source, hole, chart)
+        result = low + detail
+    filled = _as_given(result * span + low_end, given, low_end, high_end)
+    image_out = given.copy().reshape(values.shape)
+    image_out[hole] = filled[hole]
+    return Restoration(
+        image=image_out.reshape(given.shape),
+        missing=hole,
+        source=source,
+        low=(low * span + (low_end if bands else 0)).astype(np.float32).reshape(given.shape),
+        kappa=bands,
+        notes=tuple(notes),
+    )
+
+
+def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int, notes: list[str]) -> Array:
+    """Return the provenance after texture optimisation over the hole."""
+    source = np.where(source < 0, 0, source)
+    if passes == 0:
+        return source
+    rows, columns = np.nonzero(hole)
+    # Optimisation is local: a frame about the hole that holds the largest window is enough.
+    top, bottom = max(rows.min() - SIDES[0], 0), min(rows.max() + SIDES[0] + 1, hole.shape[0])
+    left, right = max(columns.min() - SIDES[0], 0), min(columns.max() + SIDES[0] + 1, hole.shape[1])
+    frame = (slice(top, bottom), slice(left, right))
+    sample = SampleMaps(high, np.ascontiguousarray(np.moveaxis(high, 2, 0)), known)
+    better, sides = refined(sample, source[frame], block=SIDES[-1], passes=passes, tileable=False, keep=~hole[frame], most=_MOST_WINDOWS)
+    result = source.copy()
+    result[frame] = np.where(hole[frame][:, :, None], better, source[frame])
+    if sides:
+        notes.append(f"refined by windows of {', '.join(map(str, sides))} pixels")
+    return result
+
+
+def _everywhere(values: Array, usable: Array) -> Array:
+    """Return values with what is not usable filled in, so that transforms meet no step there."""
+    if usable.all():
+        return values
+    return inpaint(values, ~usable, usable=np.ones_like(usable))
+
+
+def _checked_image(image: Array) -> Array:
+    try:
+        array = np.asarray(image)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"image is no array of numbers ({problem})") from problem
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"image must hold real numbers, not {array.dtype}")
+    if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 16):
+        raise InputError(f"image must be (H, W) or (H, W, C) with at most 16 channels, not {array.shape}")
+    return array
+
+
+def _checked_charts(inside: Array | None, shape: tuple[int, ...]) -> Array:
+    """Return the number of each pixel's chart, (H, W) int32."""
+    if inside is None:
+        return np.ones(shape, np.int32)
+    array = np.asarray(inside)
+    if array.shape != tuple(shape) or array.dtype.kind not in "bui":
+        raise InputError(f"inside must be bool or integers of shape {tuple(shape)}, not {array.dtype} {array.shape}")
+    if array.dtype.kind == "i" and array.size and array.min() < 0:
+        raise InputError("inside must hold chart numbers from 1, and 0 outside; it has negative ones")
+    return array.astype(np.int32)
+
+
+def _as_given(values: Array, given: Array, low: float, high: float) -> Array:
+    """Return values of the given image's type; integers are rounded and held to their range."""
+    if given.dtype.kind in "iu":
+        limits = np.iinfo(given.dtype)
+        return np.clip(np.rint(values), limits.min, limits.max).astype(given.dtype)
+    # A sum of two bands can leave the known range a little; light below zero, or far above, would be no colour.
+    return np.clip(values, low, high).astype(given.dtype)
