@@ -278,7 +278,7 @@ class _Table:
             rows = [
                 _neighbourhoods(self._pyramid, self._number, self._candidates, np.full(len(self._candidates), o)) for o in turned
             ]
-            self._nearest[key] = NearestWindows(np.concatenate(rows), _COMPONENTS)
+            self._nearest[key] = NearestWindows(np.concatenate(rows), _COMPONENTS, relative=True)
         return np.asarray(self._places[self._nearest[key].find(queries)])
 
 
@@ -292,7 +292,7 @@ def _matched(
     for o in np.unique(orientation):
         which = orientation == o
         place[which] = table.find(int(o), query[which])
-    least = np.sum((_neighbourhoods(pyramid, number, place, orientation) - query) ** 2, axis=1)
+    least = _apart(_neighbourhoods(pyramid, number, place, orientation), query)
     height, width = level.known.shape
     steps = _OWN[orientation]
     around = pixels[:, None, :] + steps
@@ -312,7 +312,7 @@ def _matched(
     row, spot = row[usable], spot[usable]
     if len(row) == 0:
         return place
-    away = np.sum((_neighbourhoods(pyramid, number, spot, orientation[row]) - query[row]) ** 2, axis=1)
+    away = _apart(_neighbourhoods(pyramid, number, spot, orientation[row]), query[row])
     order = np.lexsort((away, row))
     row, spot, away = row[order], spot[order], away[order]
     first = np.concatenate([[True], row[1:] != row[:-1]])
@@ -320,3 +320,10 @@ def _matched(
     take = away <= least[row] * (1 + coherence) ** 2
     place[row[take]] = spot[take]
     return place
+
+
+def _apart(a: Array, b: Array) -> Array:
+    """Return |a - b|^2 / (|a|^2 + |b|^2) of neighbourhoods (M, D): of two that match badly, not the paler one is nearer."""
+    both = np.einsum("ij,ij->i", a, a) + np.einsum("ij,ij->i", b, b)
+    found: Array = np.einsum("ij,ij->i", a - b, a - b) / np.maximum(both, 1e-12)
+    return found

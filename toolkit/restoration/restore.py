@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -22,6 +23,10 @@ Progress = Callable[[int, int], None]
 
 # Windows of the known part that the filled one is matched with.
 _MOST_WINDOWS = 8_000
+
+# Fine contrast is what a Gaussian of so many pixels takes away; surroundings are weighed by one of so many; and it is changed by
+# no more than this factor.
+_FINE, _SURROUNDINGS, _MOST_CONTRAST = 2.0, 24.0, 1.25
 
 METHODS = ("split", "inpaint", "synthesize")
 
@@ -203,7 +208,7 @@ def restoration(
         detail = high[source[:, :, 0], source[:, :, 1]]
         if seams:
             detail = corrected(detail, high, source, hole, chart)
-        result = low + detail
+        result = low + _contrast_of_surroundings(detail, hole, known)
     filled = _as_given(result * span + low_end, given, low_end, high_end)
     image_out = given.copy().reshape(values.shape)
     image_out[hole] = filled[hole]
@@ -228,12 +233,33 @@ def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int,
     left, right = max(columns.min() - SIDES[0], 0), min(columns.max() + SIDES[0] + 1, hole.shape[1])
     frame = (slice(top, bottom), slice(left, right))
     sample = SampleMaps(high, np.ascontiguousarray(np.moveaxis(high, 2, 0)), known)
-    better, sides = refined(sample, source[frame], block=SIDES[-1], passes=passes, tileable=False, keep=~hole[frame], most=_MOST_WINDOWS)
+    better, sides = refined(sample, source[frame], block=SIDES[-1], passes=passes, tileable=False, keep=~hole[frame], most=_MOST_WINDOWS, relative=True)
     result = source.copy()
     result[frame] = np.where(hole[frame][:, :, None], better, source[frame])
     if sides:
         notes.append(f"refined by windows of {', '.join(map(str, sides))} pixels")
     return result
+
+
+def _contrast_of_surroundings(detail: Array, hole: Array, known: Array) -> Array:
+    """Return the band with its filled part brought to the fine contrast that the known part around it has.
+
+    Matching prefers what fits, and what fits best has often a little less contrast than what it should fit.
+    """
+    smooth = np.stack([ndimage.gaussian_filter(plane, _FINE) for plane in np.moveaxis(detail, 2, 0)], axis=2)
+    fine = detail - smooth
+    energy = np.sum(fine**2, axis=2)
+
+    def around(mask: Array) -> Array:
+        weight = ndimage.gaussian_filter(mask.astype(np.float32), _SURROUNDINGS)
+        total = ndimage.gaussian_filter(np.where(mask, energy, 0), _SURROUNDINGS)
+        return np.asarray(total / np.maximum(weight, 1e-6))
+
+    # Next to the border, differences reach across it.
+    outer = known & ~ndimage.binary_dilation(hole, iterations=2)
+    factor = np.sqrt(around(outer) / np.maximum(around(hole), 1e-12))
+    factor = np.clip(factor, 1 / _MOST_CONTRAST, _MOST_CONTRAST)
+    return np.where(hole[:, :, None], smooth + factor[:, :, None] * fine, detail).astype(np.float32)
 
 
 def _everywhere(values: Array, usable: Array) -> Array:

@@ -26,9 +26,13 @@ class NearestWindows:
     windows : (M, D) float32 array
     components : int
         Principal components that are compared.
+    relative : bool
+        Take the least of |q - p|^2 / (|q|^2 + |p|^2) instead: the plain distance prefers windows of little contrast where
+        nothing fits well. For windows of mean zero.
     """
 
-    def __init__(self, windows: Array, components: int = COMPONENTS) -> None:
+    def __init__(self, windows: Array, components: int = COMPONENTS, *, relative: bool = False) -> None:
+        self._relative = relative
         with single_threaded_blas():
             part = windows[np.unique(np.linspace(0, len(windows) - 1, min(len(windows), _FITTED)).astype(int))]
             self._mean = part.mean(axis=0, dtype=np.float64).astype(np.float32)
@@ -49,7 +53,11 @@ class NearestWindows:
         def work(chunk: int) -> None:
             part = slice(chunk * rows, min((chunk + 1) * rows, len(queries)))
             query = (queries[part] - self._mean) @ self._axes
-            index[part] = np.argmin(self._half - query @ self._points, axis=1)
+            if self._relative:
+                own = 0.5 * np.einsum("ij,ij->i", query, query)[:, None] + np.float32(1e-12)
+                index[part] = np.argmax((query @ self._points) / (own + self._half), axis=1)
+            else:
+                index[part] = np.argmin(self._half - query @ self._points, axis=1)
 
         with single_threaded_blas():
             run_parallel(work, range(-(-len(queries) // rows)))

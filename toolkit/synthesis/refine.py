@@ -71,6 +71,7 @@ def refined(
     tileable: bool,
     keep: Array | None = None,
     most: int = _MOST_WINDOWS,
+    relative: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Array, list[int]]:
     """Return provenance (H, W, 2) in which visible seams of ``source`` are gone, and the sides of the windows used.
@@ -90,6 +91,8 @@ def refined(
         Pixels that stay what they are; windows over them are matched like all others.
     most : int
         Windows of the sample compared with; of more so many, evenly spread.
+    relative : bool
+        Compare relative to the windows' contrast, for maps of mean zero; see `NearestWindows`.
     progress : callable, optional
         Called with passes done and all passes.
 
@@ -99,7 +102,7 @@ def refined(
     synthesis via discrete optimization (2006).
     """
     largest = min(max(SIDES[-1], 1.25 * block), *source.shape[:2], *sample.usable.shape)
-    sizes = [_sample_windows(sample, side, most) for side in SIDES if side <= largest]
+    sizes = [_sample_windows(sample, side, most, relative) for side in SIDES if side <= largest]
     found = [windows for windows in sizes if windows is not None]
     source = source.astype(np.int64)
     for place, windows in enumerate(found):
@@ -122,7 +125,7 @@ def _read(features: Array, source: Array) -> Array:
     return features[:, source[..., 0], source[..., 1]]
 
 
-def _sample_windows(sample: SampleMaps, side: int, most: int) -> _Windows | None:
+def _sample_windows(sample: SampleMaps, side: int, most: int, relative: bool) -> _Windows | None:
     """Return the sample's windows of ``side`` pixels; None if it has none."""
     whole = window_starts(sample.usable, side)
     corner = np.argwhere(whole)
@@ -131,7 +134,7 @@ def _sample_windows(sample: SampleMaps, side: int, most: int) -> _Windows | None
     if len(corner) > most:
         corner = corner[np.linspace(0, len(corner) - 1, most).astype(int)]
     means = _box_means(sample.features, side)
-    return _Windows(side, whole, means, corner, NearestWindows(_descriptors(means, corner, side)))
+    return _Windows(side, whole, means, corner, NearestWindows(_descriptors(means, corner, side), relative=relative))
 
 
 def _box_means(planes: Array, side: int) -> Array:
