@@ -170,9 +170,7 @@ def fetch(picture: wp.array(dtype=wp.vec3), offset: int, width: int, height: int
 
 
 @wp.func
-def bilinear(
-    picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), level: int, x: float, y: float
-) -> wp.vec3:
+def bilinear(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), level: int, x: float, y: float) -> wp.vec3:
     """Bilinear sample of one level at finest-level coordinates (x, y)."""
     scale = 1.0 / float(1 << level)
     # Pixel centres of level 0 are at whole numbers; those of a level of side 2^l average them.
@@ -197,9 +195,7 @@ def catmull_rom(t: float) -> wp.vec4:
     """Weights of four neighbours at t between the inner two (Keys 1981, a = -1/2)."""
     t2 = t * t
     t3 = t2 * t
-    return wp.vec4(
-        -0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2
-    )
+    return wp.vec4(-0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2)
 
 
 @wp.func
@@ -217,9 +213,7 @@ def bicubic(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32)
 
 
 @wp.func
-def at_level(
-    picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), level: float, x: float, y: float
-) -> wp.vec3:
+def at_level(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), level: float, x: float, y: float) -> wp.vec3:
     """Trilinear sample between two levels; bicubic where the finest is not finer than needed."""
     result = wp.vec3(0.0, 0.0, 0.0)
     if level <= 0.0:
@@ -276,44 +270,43 @@ def sample_texels_kernel(
     y = start + y
     f = face[y, x]
     result = wp.vec4(0.0, 0.0, 0.0, 0.0)
-    if f >= 0:
-        if wanted[f] != wp.uint8(0):
-            w = weight[y, x]
-            wc = 1.0 - w[0] - w[1]
-            a = faces[f, 0]
-            b = faces[f, 1]
-            c = faces[f, 2]
-            p = w[0] * points[a] + w[1] * points[b] + wc * points[c]
-            n = w[0] * normals[a] + w[1] * normals[b] + wc * normals[c]
-            here = project(camera, p)
-            facing = wp.dot(wp.normalize(n), wp.normalize(camera.center - p))
-            beside_u = project(camera, p + along_u[f])
-            beside_v = project(camera, p + along_v[f])
-            if here[2] > 0.0 and beside_u[2] > 0.0 and beside_v[2] > 0.0 and facing > 0.0:
-                ux = beside_u[0] - here[0]
-                uy = beside_u[1] - here[1]
-                vx = beside_v[0] - here[0]
-                vy = beside_v[1] - here[1]
-                # Axes of the ellipse: eigenvectors of J J^T.
-                xx = ux * ux + vx * vx
-                yy = uy * uy + vy * vy
-                xy = ux * uy + vx * vy
-                mean = 0.5 * (xx + yy)
-                apart = wp.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
-                major = wp.sqrt(mean + apart)
-                minor = wp.sqrt(wp.max(mean - apart, 0.0))
-                angle = 0.5 * wp.atan2(2.0 * xy, xx - yy)
-                step_x = wp.cos(angle) * major
-                step_y = wp.sin(angle) * major
-                wide = wp.max(minor, wp.max(major / float(_MOST_TAPS), 1.0))
-                taps = wp.min(wp.max(int(wp.ceil(major / wide - 0.01)), 1), _MOST_TAPS)
-                level = wp.log2(wide)
-                total = wp.vec3(0.0, 0.0, 0.0)
-                for k in range(taps):
-                    off = (float(k) + 0.5) / float(taps) - 0.5
-                    total += at_level(picture, levels, level, here[0] + off * step_x, here[1] + off * step_y)
-                total = wp.cw_mul(total / float(taps), gain)
-                result = wp.vec4(total[0], total[1], total[2], facing)
+    if f >= 0 and wanted[f] != wp.uint8(0):
+        w = weight[y, x]
+        wc = 1.0 - w[0] - w[1]
+        a = faces[f, 0]
+        b = faces[f, 1]
+        c = faces[f, 2]
+        p = w[0] * points[a] + w[1] * points[b] + wc * points[c]
+        n = w[0] * normals[a] + w[1] * normals[b] + wc * normals[c]
+        here = project(camera, p)
+        facing = wp.dot(wp.normalize(n), wp.normalize(camera.center - p))
+        beside_u = project(camera, p + along_u[f])
+        beside_v = project(camera, p + along_v[f])
+        if here[2] > 0.0 and beside_u[2] > 0.0 and beside_v[2] > 0.0 and facing > 0.0:
+            ux = beside_u[0] - here[0]
+            uy = beside_u[1] - here[1]
+            vx = beside_v[0] - here[0]
+            vy = beside_v[1] - here[1]
+            # Axes of the ellipse: eigenvectors of J J^T.
+            xx = ux * ux + vx * vx
+            yy = uy * uy + vy * vy
+            xy = ux * uy + vx * vy
+            mean = 0.5 * (xx + yy)
+            apart = wp.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
+            major = wp.sqrt(mean + apart)
+            minor = wp.sqrt(wp.max(mean - apart, 0.0))
+            angle = 0.5 * wp.atan2(2.0 * xy, xx - yy)
+            step_x = wp.cos(angle) * major
+            step_y = wp.sin(angle) * major
+            wide = wp.max(minor, wp.max(major / float(_MOST_TAPS), 1.0))
+            taps = wp.min(wp.max(int(wp.ceil(major / wide - 0.01)), 1), _MOST_TAPS)
+            level = wp.log2(wide)
+            total = wp.vec3(0.0, 0.0, 0.0)
+            for k in range(taps):
+                off = (float(k) + 0.5) / float(taps) - 0.5
+                total += at_level(picture, levels, level, here[0] + off * step_x, here[1] + off * step_y)
+            total = wp.cw_mul(total / float(taps), gain)
+            result = wp.vec4(total[0], total[1], total[2], facing)
     color[y, x] = result
 
 

@@ -4,6 +4,21 @@ from intaglio.errors import FileError, FitError, InputError, IntaglioError, Inta
 from intaglio.images import read_exr, read_image, write_exr, write_image
 from intaglio.mesh_reading import read_surface
 from intaglio.mesh_writing import write_surface
+from intaglio.parameterization import Parameterization, parameterize
+from intaglio.photographs import (
+    Binding,
+    Camera,
+    Photograph,
+    Texture,
+    ViewComparison,
+    bind_photographs,
+    border_step,
+    combine_photographs,
+    compare_with_photograph,
+    read_photographs,
+    restore_texture,
+    write_textured,
+)
 from intaglio.photometric import (
     Integrability,
     PhotometricStack,
@@ -42,6 +57,7 @@ from intaglio.relief import (
     fit_base,
     write_relief_report,
 )
+from intaglio.restoration import Restoration, RestorationReport, assess_restoration, restore, restore_in_detail
 from intaglio.surface import Surface, surface_from_points, surface_from_range_image
 from intaglio.synthesis import (
     Synthesis,
@@ -57,6 +73,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Base",
+    "Binding",
+    "Camera",
     "Cylinder",
     "FileError",
     "FitError",
@@ -66,22 +84,33 @@ __all__ = [
     "IntaglioWarning",
     "Integrability",
     "MultipleComparison",
+    "Parameterization",
+    "Photograph",
     "PhotometricStack",
     "Plane",
     "ReliefReport",
     "Relightable",
     "RepresentationReport",
+    "Restoration",
+    "RestorationReport",
     "Sphere",
     "SphereLights",
     "Surface",
     "SurfaceMaps",
     "Synthesis",
     "SynthesisReport",
+    "Texture",
     "TruthComparison",
+    "ViewComparison",
     "__version__",
     "assess_relief",
     "assess_representation",
+    "assess_restoration",
     "assess_synthesis",
+    "bind_photographs",
+    "border_step",
+    "combine_photographs",
+    "compare_with_photograph",
     "complete_relief",
     "fit_base",
     "fit_circle",
@@ -94,14 +123,19 @@ __all__ = [
     "light_direction",
     "lights_from_sphere",
     "multiple_comparison",
+    "parameterize",
     "quilt",
     "read_exr",
     "read_image",
+    "read_photographs",
     "read_ranks",
     "read_relightable",
     "read_stack",
     "read_surface",
     "represent",
+    "restore",
+    "restore_in_detail",
+    "restore_texture",
     "surface_from_points",
     "surface_from_range_image",
     "surface_maps",
@@ -115,5 +149,6 @@ __all__ = [
     "write_relief_report",
     "write_relightable",
     "write_surface",
+    "write_textured",
     "write_web_planes",
 ]

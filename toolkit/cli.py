@@ -14,6 +14,7 @@ import numpy as np
 
 import intaglio
 from intaglio.cli_options import Extent, Numbers, common, image_size, known_suffix, render_on, unless_given
+from intaglio.cli_photographs import restore, texture
 from intaglio.cli_photometric import assess, relight, represent
 from intaglio.cli_synthesis import rank, synthesize
 from intaglio.devices import device_or_error
@@ -35,7 +36,7 @@ def cli() -> None:
     """Complete, synthesise and relight the fine surface texture of real objects, render it, and measure it."""
 
 
-for _command in (represent, relight, assess, synthesize, rank):
+for _command in (represent, relight, assess, synthesize, rank, texture, restore):
     cli.add_command(_command)
 
 

@@ -144,13 +144,45 @@ def write_image(
     if not linear and values.ndim == 3 and values.shape[2] == 4:
         shown = np.concatenate([shown[..., :3], np.clip(values[..., 3:], 0, 1)], axis=2)
     stored = np.round(shown * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    _write_levels(stored, path, quality)
+
+
+def write_samples(samples: Array, path: str | os.PathLike[str], *, quality: int = 95) -> None:
+    """Write an image's samples as they are, what `read_samples` gives; JPEG, which loses bits, takes 8-bit ones.
+
+    Raises
+    ------
+    InputError
+        For a shape that is no image, or samples that the type can't hold.
+    FileError
+        If the file can't be written, or is of no known kind.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    samples = np.asarray(samples)
+    if samples.ndim not in (2, 3) or samples.size == 0 or (samples.ndim == 3 and samples.shape[2] not in (1, 3, 4)):
+        raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {samples.shape}")
+    if kind == ".exr":
+        scale = np.float32(np.iinfo(samples.dtype).max) if samples.dtype.kind in "iu" else np.float32(1)
+        write_image(samples.astype(np.float32) / scale, path)
+        return
+    if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
+        raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")
+    if samples.dtype not in (np.uint8, np.uint16) or (samples.dtype == np.uint16 and kind in (".jpg", ".jpeg")):
+        raise InputError(f"{path}: {kind} can't hold {samples.dtype} samples; write {'.png' if kind[1] == 'j' else '.exr'}")
+    _write_levels(samples[:, :, 0] if samples.ndim == 3 and samples.shape[2] == 1 else samples, path, quality)
+
+
+def _write_levels(stored: Array, path: Path, quality: int) -> None:
+    """Write 8- or 16-bit levels (H, W), (H, W, 3) or (H, W, 4)."""
+    kind = path.suffix.lower()
     with whole_file(path) as beside:
         if kind in (".tif", ".tiff"):
             import tifffile
 
             photometric = "rgb" if stored.ndim == 3 else "minisblack"
             tifffile.imwrite(beside, stored, photometric=photometric)
-        elif bits == 16:
+        elif stored.dtype == np.uint16:
             # Pillow has no 16-bit colour; it would write 8 bits without a word.
             try:
                 mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))

@@ -54,7 +54,7 @@ def write_surface(surface: Surface, path: str | os.PathLike[str], *, overwrite: 
     if path.exists() and not overwrite:
         raise FileError(f"{path}: exists already; give another name or allow overwriting")
     if kind in _SINGLE:
-        _check_single_precision(surface, path)
+        check_single_precision(surface, path)
     with whole_file(path) as beside:
         if kind == ".ply":
             _write_ply(surface, beside)
@@ -62,7 +62,8 @@ def write_surface(surface: Surface, path: str | os.PathLike[str], *, overwrite: 
             _write_trimesh(surface, beside, kind)
 
 
-def _check_single_precision(surface: Surface, path: Path) -> None:
+def check_single_precision(surface: Surface, path: Path) -> None:
+    """Raise `InputError` for coordinates that 32-bit floats can't hold, warn of those they round visibly."""
     largest = float(np.abs(surface.vertices).max(initial=0))
     if largest > float(np.finfo(np.float32).max):
         raise InputError(f"{path}: coordinates up to {largest:.3g} don't fit {path.suffix}'s single precision; write .ply")

@@ -342,7 +342,11 @@ def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, prog
     rest = inverses(flat_edges(chart.vertices, chart.faces))
     corner = flat_edges(chart.vertices, chart.faces)
     longest = np.max(
-        [corner[:, 0, 0], np.hypot(corner[:, 0, 1], corner[:, 1, 1]), np.hypot(corner[:, 0, 1] - corner[:, 0, 0], corner[:, 1, 1])],
+        [
+            corner[:, 0, 0],
+            np.hypot(corner[:, 0, 1], corner[:, 1, 1]),
+            np.hypot(corner[:, 0, 1] - corner[:, 0, 0], corner[:, 1, 1]),
+        ],
         axis=0,
     )
     least = np.minimum(options.shape_threshold, 0.9 * area / longest**2)
@@ -368,11 +372,17 @@ def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, prog
             free=options.boundary == "free",
             iterations=options.iterations,
             tolerance=_TOLERANCE,
-            progress=None
-            if progress is None
-            else lambda done, most, before=number: progress(before * most + done, len(rounds) * most),
+            progress=_in_round(progress, number, len(rounds)),
         )
     return uv if options.boundary == "free" else uv / scale
+
+
+def _in_round(progress: Progress | None, number: int, rounds: int) -> Progress | None:
+    """Return what reports one of several minimisations as part of all."""
+    if progress is None:
+        return None
+    report = progress
+    return lambda done, most: report(number * most + done, rounds * most)
 
 
 def _safe_areas(chart: Chart) -> Array:

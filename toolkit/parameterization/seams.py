@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from intaglio.topology import border_loops, directed_edges, edge_keys, unique_edges
+from intaglio.topology import directed_edges, edge_keys, unique_edges
 
 Array = np.ndarray
 

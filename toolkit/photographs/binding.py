@@ -67,7 +67,7 @@ class Binding:
         1: a photograph is valid for all three corners; 2: all corners have valid photographs, but none in common; 3: a corner
         has none.
         """
-        bound = self.valid.any(axis=0)[faces].all(axis=1)
+        bound = np.asarray(self.valid.any(axis=0))[faces].all(axis=1)
         return np.where(self.common(faces).any(axis=0), 1, np.where(bound, 2, 3)).astype(np.uint8)
 
 

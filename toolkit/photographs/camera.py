@@ -118,7 +118,9 @@ class Photograph:
         stored = isinstance(self.picture, str | os.PathLike)
         values = read_image(self.picture) if stored else np.asarray(self.picture)  # type: ignore[arg-type]
         if values.dtype.kind != "f":
-            raise InputError(f"{self.name}: a photograph holds linear values as floats (read_image gives them), not {values.dtype}")
+            raise InputError(
+                f"{self.name}: a photograph holds linear values as floats (read_image gives them), not {values.dtype}"
+            )
         if values.ndim == 2:
             values = np.repeat(values[:, :, None], 3, axis=2)
         if values.ndim != 3 or values.shape[2] not in (3, 4) or min(values.shape[:2]) < 4:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def _picture(name: str, folders: list[Path], asked_by: Path) -> Path:
     )
 
 
-def _camera(name: str, path: Path, **values: Any) -> Camera:
+def _made(name: str, path: Path, values: dict[str, Any], _: list[Path]) -> Camera:
     try:
         return Camera(**values)
     except InputError as problem:
@@ -131,7 +132,7 @@ def _json_views(path: Path) -> Iterator[_View]:
         shift = np.asarray(view["t"], np.float64) if "t" in view else -turn @ np.asarray(view["C"], np.float64).reshape(3)
         size = (int(view["width"]), int(view["height"])) if {"width", "height"} <= view.keys() else None
         values = {"K": view["K"], "R": turn, "t": shift, "size": size, "distortion": view.get("distortion", (0.0, 0.0))}
-        yield name, lambda _, n=name, v=values: _camera(n, path, **v)
+        yield name, partial(_made, name, path, values)
 
 
 def _rows(path: Path) -> list[list[str]]:
@@ -166,7 +167,9 @@ def _colmap_views(path: Path) -> Iterator[_View]:
             raise InputError(f"{path}: camera {row[0]} is a {model}; known: {', '.join(_COLMAP)}. Undistort the images first")
         focals, radial, others = _COLMAP[model]
         if len(numbers) != focals + 2 + radial + others:
-            raise InputError(f"{path}: camera {row[0]}: {model} has {focals + 2 + radial + others} parameters, not {len(numbers)}")
+            raise InputError(
+                f"{path}: camera {row[0]}: {model} has {focals + 2 + radial + others} parameters, not {len(numbers)}"
+            )
         if any(numbers[focals + 2 + radial :]):
             raise InputError(f"{path}: camera {row[0]} has tangential distortion; undistort the images first")
         fx, fy = numbers[0], numbers[focals - 1]
@@ -188,14 +191,14 @@ def _colmap_views(path: Path) -> Iterator[_View]:
             continue
         name, turn, shift = row[9], _turn(*map(float, row[1:5])), [float(v) for v in row[5:8]]
         values = {**cameras[row[8]], "R": turn, "t": shift}
-        yield name, lambda _, n=name, v=values: _camera(n, path, **v)
+        yield name, partial(_made, name, path, values)
 
 
-def _centred(name: str, path: Path, focal: float, folders: list[Path], **values: Any) -> Camera:
+def _centred(name: str, path: Path, focal: float, values: dict[str, Any], folders: list[Path]) -> Camera:
     """Return a camera whose principal point is the middle of its photograph."""
     height, width = read_samples(_picture(name, folders, path)).shape[:2]
     k = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
-    return _camera(name, path, K=k, size=(width, height), **values)
+    return _made(name, path, {**values, "K": k, "size": (width, height)}, folders)
 
 
 def _bundler_views(path: Path) -> Iterator[_View]:
@@ -214,7 +217,7 @@ def _bundler_views(path: Path) -> Iterator[_View]:
         if focal == 0:
             continue
         values = {"R": flip @ np.array(block[1:4]), "t": flip @ np.array(block[4]), "distortion": (k1, k2)}
-        yield name, lambda folders, n=name, f=focal, v=values: _centred(n, path, f, folders, **v)
+        yield name, partial(_centred, name, path, focal, values)
 
 
 def _nvm_views(path: Path) -> Iterator[_View]:
@@ -229,7 +232,7 @@ def _nvm_views(path: Path) -> Iterator[_View]:
         if numbers[8] != 0:
             raise InputError(f"{path}: view {name} has VisualSFM's radial distortion; export undistorted images")
         values = {"R": turn, "t": -turn @ np.array(numbers[5:8])}
-        yield name, lambda folders, n=name, f=numbers[0], v=values: _centred(n, path, f, folders, **v)
+        yield name, partial(_centred, name, path, numbers[0], values)
 
 
 def _middlebury_views(path: Path) -> Iterator[_View]:
@@ -244,4 +247,4 @@ def _middlebury_views(path: Path) -> Iterator[_View]:
             raise InputError(f"{path}: view {row[0]} has {len(row) - 1} numbers, not 21")
         numbers = np.array([float(v) for v in row[1:]])
         values = {"K": numbers[:9].reshape(3, 3), "R": numbers[9:18].reshape(3, 3), "t": numbers[18:]}
-        yield row[0], lambda _, n=row[0], v=values: _camera(n, path, **v)
+        yield row[0], partial(_made, row[0], path, values)

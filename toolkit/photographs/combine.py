@@ -20,6 +20,7 @@ from intaglio.photographs.selection import best_photograph, shrunk
 from intaglio.photographs.texture import Texture
 from intaglio.photographs.vertex_colors import bound_colors, spread_colors
 from intaglio.surface import Surface, vertex_normals
+from intaglio.topology import pieces
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -88,9 +89,9 @@ def combine_photographs(
     mosaics (1983). Heckbert, Fundamentals of texture mapping and image warping (1989): footprints.
     """
     photographs = checked_photographs(photographs)
-    for name, value, known in (("select", select, ("best", "average")), ("blend", blend, ("spline", "none"))):
-        if value not in known:
-            raise InputError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+    for name, value, choices in (("select", select, ("best", "average")), ("blend", blend, ("spline", "none"))):
+        if value not in choices:
+            raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
     chosen = device_or_error(device)
     height, width = _checked_size(size)
     positions, corners = texture_corners(mesh, uv)
@@ -139,10 +140,7 @@ def combine_photographs(
             defined = facing > 0
             average += sampled[:, :, :3] * facing[:, :, None]
             average_weight += facing
-            if select == "best":
-                mask = ((label == i)[face] & defined).astype(np.float32)
-            else:
-                mask = facing * inner[i][face]
+            mask = ((label == i)[face] & defined).astype(np.float32) if select == "best" else facing * inner[i][face]
             mask *= inside
             covered |= mask > 0
             coverage.add(i, mask)
@@ -170,7 +168,7 @@ def combine_photographs(
     return Texture(
         image=extended(image, inside, chosen),
         known=known,
-        inside=inside,
+        chart=np.where(inside, _charts(corners, len(positions))[face] + 1, 0).astype(np.int32),
         photograph=coverage.photograph,
         weight=coverage.shares(),
         names=binding.names,
@@ -246,6 +244,12 @@ def texture_corners(mesh: Surface, uv: Parameterization | Array) -> tuple[Array,
     if not np.isfinite(used).all() or used.min() < -1e-6 or used.max() > 1 + 1e-6:
         raise InputError(f"uv must be finite and in [0, 1]; it reaches from {used.min():.4g} to {used.max():.4g}")
     return positions, corners
+
+
+def _charts(corners: Array, count: int) -> Array:
+    """Return the number of each face's chart, (F,): its connected piece of the texture."""
+    _, piece = pieces(corners, count)
+    return np.asarray(np.unique(piece[corners[:, 0]], return_inverse=True)[1].reshape(-1))
 
 
 def _interpolate(image: Array, where: Array, face: Array, weight: Array, colors: Array, faces: Array) -> None:

@@ -19,8 +19,8 @@ class Texture:
         Linear Rec.709; row 0 is at v = 1. Texels outside the charts continue their borders.
     known : (H, W) bool array
         True where photographs show the surface; False where the colour was interpolated or restored, and outside.
-    inside : (H, W) bool array
-        Texels that lie on the surface.
+    chart : (H, W) int32 array
+        Number of the chart that a texel lies in, from 1; 0 outside.
     photograph : (H, W, k) int16 array
         Coverage: numbers of the photographs that a known texel is made of, the strongest first; -1 for none.
     weight : (H, W, k) float16 array
@@ -34,12 +34,17 @@ class Texture:
 
     image: Array
     known: Array
-    inside: Array
+    chart: Array
     photograph: Array
     weight: Array
     names: tuple[str, ...]
     gains: Array
     notes: tuple[str, ...] = ()
+
+    @property
+    def inside(self) -> Array:
+        """Texels that lie on the surface, (H, W) bool."""
+        return np.asarray(self.chart > 0)
 
     @property
     def coverage(self) -> dict[str, float]:

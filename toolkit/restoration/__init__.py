@@ -1,5 +1,6 @@
 """Filling what is missing of an image (Yamauchi et al. 2005, section 5)."""
 
-from intaglio.restoration.restore import Restoration, restoration, restore
+from intaglio.restoration.assess import RestorationReport, assess_restoration
+from intaglio.restoration.restore import Restoration, restore, restore_in_detail
 
-__all__ = ["Restoration", "restoration", "restore"]
+__all__ = ["Restoration", "RestorationReport", "assess_restoration", "restore", "restore_in_detail"]

@@ -23,11 +23,20 @@ _QUARTER = np.array([[0, 1], [-1, 0]])
 _MIRROR = np.array([[1, 0], [0, -1]])
 ORIENTATIONS = [np.linalg.matrix_power(_QUARTER, q) @ m for m in (np.eye(2, dtype=int), _MIRROR) for q in range(4)]
 
+# The kernels' steps in each orientation: on a pixel's own level, and on the next coarser one.
+_OWN, _COARSE = (np.stack([np.array(pattern) @ turn.T for turn in ORIENTATIONS]) for pattern in (_CAUSAL, _AROUND))
+
 # Neighbourhoods in one search structure; of larger images so many, evenly spread. Coherent candidates come from everywhere.
 _MOST_WINDOWS = 8_000
 
 # Principal components of a neighbourhood that are compared; the candidates they lead to are weighed whole.
 _COMPONENTS = 24
+
+# Rings that are filled at once behind the outermost one.
+_RINGS = 8
+
+# Pixels whose kernels are counted at a time, to bound memory.
+_AT_ONCE = 100_000
 
 # Width of the frame around an image that kernels may reach into.
 _FRAME = 2
@@ -57,7 +66,7 @@ class _Level:
         framed = np.pad(values, ((_FRAME, _FRAME), (_FRAME, _FRAME), (0, 0)), mode="edge")
         self.values = framed[_FRAME:-_FRAME, _FRAME:-_FRAME]
         self._flat, self._width = framed.reshape(-1, values.shape[2]), framed.shape[1]
-        places = np.stack(np.indices(known.shape), axis=2).astype(np.int32)
+        places = np.moveaxis(np.indices(known.shape), 0, 2).astype(np.int32)
         self.source = np.where(known[:, :, None], places, -1)
 
     def around(self, pixels: Array, steps: Array) -> Array:
@@ -172,53 +181,74 @@ def _fill_level(
         raise InputError("no 5 x 5 neighbourhood of known pixels is left to copy from; the mask covers nearly everything")
     table = _Table(pyramid, number, np.argwhere(whole), rotations)
     pixels = np.argwhere(open_now)
-    front = _Front(open_now, level.chart, pixels)
     ring = ndimage.distance_transform_cdt(open_now, metric="taxicab")[open_now]
-    remaining = np.arange(len(pixels))
-    limit = int(ring.min())
-    while len(remaining):
-        # All that the ring allows and a kernel fits; pixels no kernel fits wait for the next ring.
-        fits = (ring[remaining] <= limit) & front.fits(remaining)
-        if not fits.any():
-            if limit < ring[remaining].max():
-                limit += 1
-                continue
-            # Nowhere does a kernel fit (a hole at the image's border, or nothing but slivers known): the ones that fit best.
-            fits = ring[remaining] == ring[remaining].min()
-        chosen = remaining[fits]
+    front = _Front(open_now, level.chart, pixels, ring)
+    finished = 0
+    while finished < len(pixels):
+        chosen = front.next_pixels()
         source = _matched(pyramid, number, table, pixels[chosen], front.orientation(chosen), coherence, whole)
         y, x = pixels[chosen].T
         level.source[y, x] = source
         level.values[y, x] = level.values[source[:, 0], source[:, 1]]
-        front.fill(pixels[chosen])
-        remaining = remaining[~fits]
-        done += len(chosen)
+        front.fill(chosen)
+        finished += len(chosen)
         if progress is not None:
-            progress(done, total)
-    return done
+            progress(done + finished, total)
+    return done + finished
 
 
 class _Front:
-    """How many pixels each kernel still lacks, for all open pixels; kept up as they are filled."""
+    """The pixels to fill next: kernels' missing pixels are counted, and kept up as pixels are filled.
 
-    def __init__(self, open_now: Array, chart: Array, pixels: Array) -> None:
+    Parameters
+    ----------
+    open_now : (H, W) bool array
+    chart : (H, W) int array
+    pixels : (M, 2) int array
+        The open ones, in order.
+    ring : (M,) int array
+        Their distances from the border; nearer ones come first.
+    """
+
+    def __init__(self, open_now: Array, chart: Array, pixels: Array, ring: Array) -> None:
         self._number = np.full(open_now.shape, -1)
         self._number[open_now] = np.arange(len(pixels))
-        self._chart = chart
-        there = self._inside(pixels[:, None, None, :] + _OWN, chart[pixels[:, 0], pixels[:, 1]][:, None, None], ~open_now)
-        self._lacking = (len(_CAUSAL) - there.sum(axis=2)).astype(np.int16)
+        self._chart, self._pixels, self._ring = chart, pixels, ring
+        self._filled = np.zeros(len(pixels), bool)
+        self._by_ring = np.argsort(ring, kind="stable")
+        self._first = 0
+        self._limit = int(ring.min())
+        self._lacking = np.empty((len(pixels), 8), np.int16)
+        for first in range(0, len(pixels), _AT_ONCE):
+            part = pixels[first : first + _AT_ONCE]
+            within, y, x = self._places(part[:, None, None, :] + _OWN, chart[part[:, 0], part[:, 1]][:, None, None])
+            self._lacking[first : first + _AT_ONCE] = len(_CAUSAL) - (within & ~open_now[y, x]).sum(axis=2)
+        self._ready = np.flatnonzero((self._lacking == 0).any(axis=1))
 
-    def _inside(self, at: Array, chart: Array, mask: Array) -> Array:
-        """Return which places lie in the image, in the ``chart`` and in the ``mask``."""
-        height, width = mask.shape
-        y, x = at[..., 0], at[..., 1]
-        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        y, x = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
-        return np.asarray(within & mask[y, x] & (self._chart[y, x] == chart))
+    def next_pixels(self) -> Array:
+        """Return the numbers of all pixels that a kernel fits, as far in as the ring reached by now, and a few rings more.
 
-    def fits(self, which: Array) -> Array:
-        """Return which of the open pixels (by number) have a kernel that lacks nothing."""
-        return np.asarray((self._lacking[which] == 0).any(axis=1))
+        Pixels that no kernel fits wait for the next ring. A front runs along a ring pixel by pixel: that rings follow each other
+        at once, a step apart, is what makes large holes quick. Where no kernel fits anywhere (a hole at the image's border, or
+        nothing but slivers known), the next pixels are the outermost ones, with the kernels that lack least.
+        """
+        if len(self._ready):
+            self._limit = max(self._limit, int(self._ring[self._ready].min()))
+            now = self._ring[self._ready] <= self._limit + _RINGS
+            chosen, self._ready = self._ready[now], self._ready[~now]
+            return np.sort(chosen)
+        while self._filled[self._by_ring[self._first]]:
+            self._first += 1
+        rest = self._by_ring[self._first :]
+        rest = rest[self._ring[rest] == self._ring[rest[0]]]
+        return np.sort(rest[~self._filled[rest]])
+
+    def _places(self, at: Array, chart: Array) -> tuple[Array, Array, Array]:
+        """Return which places (…, 2) lie in the image and the ``chart``, and their rows and columns, held to the image."""
+        height, width = self._number.shape
+        y, x = np.clip(at[..., 0], 0, height - 1), np.clip(at[..., 1], 0, width - 1)
+        within = (y == at[..., 0]) & (x == at[..., 1]) & (self._chart[y, x] == chart)
+        return within, y, x
 
     def orientation(self, which: Array) -> Array:
         """Return an orientation that lacks least for each of the open pixels ``which`` (by number): few different ones."""
@@ -230,23 +260,19 @@ class _Front:
             found[(found < 0) & possible[:, common]] = common
         return found
 
-    def fill(self, pixels: Array) -> None:
-        """Count pixels (M, 2) as filled."""
-        at = pixels[:, None, None, :] - _OWN
-        chart = self._chart[pixels[:, 0], pixels[:, 1]][:, None, None]
-        waits = self._inside(at, chart, self._number >= 0)
-        _, orientation, _ = np.nonzero(waits)
-        spot = at[waits]
-        np.subtract.at(self._lacking, (self._number[spot[:, 0], spot[:, 1]], orientation), 1)
+    def fill(self, chosen: Array) -> None:
+        """Count pixels, by number, as filled."""
+        self._filled[chosen] = True
+        pixels = self._pixels[chosen]
         self._number[pixels[:, 0], pixels[:, 1]] = -1
-
-
-def _offsets(orientation: int, pattern: list[tuple[int, int]]) -> Array:
-    return np.array(pattern) @ ORIENTATIONS[orientation].T
-
-
-_OWN = np.stack([_offsets(o, _CAUSAL) for o in range(8)])
-_COARSE = np.stack([_offsets(o, _AROUND) for o in range(8)])
+        within, y, x = self._places(pixels[:, None, None, :] - _OWN, self._chart[pixels[:, 0], pixels[:, 1]][:, None, None])
+        number = np.where(within, self._number[y, x], -1)
+        _, orientation, _ = np.nonzero(number >= 0)
+        number = number[number >= 0]
+        was_ready = (self._lacking[number] == 0).any(axis=1)
+        np.subtract.at(self._lacking, (number, orientation), 1)
+        fresh = number[~was_ready]
+        self._ready = np.union1d(self._ready, fresh[(self._lacking[fresh] == 0).any(axis=1)])
 
 
 def _neighbourhoods(pyramid: list[_Level], number: int, pixels: Array, orientation: Array) -> Array:

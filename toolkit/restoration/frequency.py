@@ -45,10 +45,7 @@ def deviations(image: Array) -> Array:
     The autocorrelation is DCT^-1(DCT(H)^2), here divided by the root of the number of pixels, so that it is a mean product
     and does not grow with the image; of CIE Y, with the image's range taken as [0, 1].
     """
-    if image.shape[2] >= 3:
-        luminance = image[:, :, :3].astype(np.float64) @ _LUMINANCE
-    else:
-        luminance = image.astype(np.float64).mean(axis=2)
+    luminance = image[:, :, :3].astype(np.float64) @ _LUMINANCE if image.shape[2] >= 3 else image.astype(np.float64).mean(axis=2)
     span = float(np.ptp(luminance))
     if span == 0:
         return np.zeros(MOST_SUBBANDS + 1)

@@ -14,9 +14,7 @@ Array = np.ndarray
 
 # The diffusion kernel of Oliveira et al. (2001), figure 1: its middle is zero.
 _DIAGONAL, _DIRECT_NEIGHBOUR = 0.073235, 0.176765
-_STEPS = [
-    (dy, dx, _DIAGONAL if dy and dx else _DIRECT_NEIGHBOUR) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)
-]
+_STEPS = [(dy, dx, _DIAGONAL if dy and dx else _DIRECT_NEIGHBOUR) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 
 
 def inpaint(image: Array, missing: Array, *, usable: Array, barriers: Array | None = None) -> Array:
@@ -102,7 +100,7 @@ def _means(values: Array, done: Array, pixels: Array) -> Array:
 
 
 def _neighbours(pixels: Array, conducts: Array) -> Iterator[tuple[Array, Array, Array, float]]:
-    """Yield, for each step of the kernel, the ``pixels`` (by number) with a neighbour that conducts, its place, and the weight."""
+    """Yield, for each step of the kernel, the ``pixels`` (by number) with a conducting neighbour, its place, and the weight."""
     y, x = np.nonzero(pixels)
     for dy, dx, weight in _STEPS:
         ny, nx = y + dy, x + dx

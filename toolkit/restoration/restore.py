@@ -59,7 +59,7 @@ class Restoration:
 
 
 def restore(image: Array, missing: Array, method: str = "split", **options: Any) -> Array:
-    """Fill the missing pixels of an image; see `restoration`, which also tells how, for all options.
+    """Fill the missing pixels of an image; see `restore_in_detail`, which also tells how, for all options.
 
     Parameters
     ----------
@@ -84,10 +84,10 @@ def restore(image: Array, missing: Array, method: str = "split", **options: Any)
     >>> bool(np.allclose(restore(np.where(hole, 0, image), hole), 0.5))
     True
     """
-    return restoration(image, missing, method, **options).image
+    return restore_in_detail(image, missing, method, **options).image
 
 
-def restoration(
+def restore_in_detail(
     image: Array,
     missing: Array,
     method: str = "split",
@@ -153,7 +153,7 @@ def restoration(
     coherence = checked_number("coherence", coherence, 0, 100)
     if kappa is not None:
         kappa = checked_count("kappa", kappa, 0, 512)
-    chosen = device_or_error(device)
+    device_or_error(device)
     given = _checked_image(image)
     shape = given.shape[:2]
     hole = checked_mask("missing", missing, shape)
@@ -169,7 +169,7 @@ def restoration(
     if bad.any():
         y, x = np.argwhere(bad)[0]
         raise InputError(f"{int(bad.sum())} known pixels are not finite, the first in row {y}, column {x}; mark them missing")
-    here = np.stack(np.indices(shape), axis=2).astype(np.int32)
+    here = np.moveaxis(np.indices(shape), 0, 2).astype(np.int32)
     if not hole.any():
         low = np.zeros(given.shape, np.float32)
         return Restoration(given.copy(), hole, here, low, 0, ("nothing is missing",))
@@ -233,7 +233,16 @@ def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int,
     left, right = max(columns.min() - SIDES[0], 0), min(columns.max() + SIDES[0] + 1, hole.shape[1])
     frame = (slice(top, bottom), slice(left, right))
     sample = SampleMaps(high, np.ascontiguousarray(np.moveaxis(high, 2, 0)), known)
-    better, sides = refined(sample, source[frame], block=SIDES[-1], passes=passes, tileable=False, keep=~hole[frame], most=_MOST_WINDOWS, relative=True)
+    better, sides = refined(
+        sample,
+        source[frame],
+        block=SIDES[-1],
+        passes=passes,
+        tileable=False,
+        keep=~hole[frame],
+        most=_MOST_WINDOWS,
+        relative=True,
+    )
     result = source.copy()
     result[frame] = np.where(hole[frame][:, :, None], better, source[frame])
     if sides:

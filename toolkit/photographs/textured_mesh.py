@@ -1,0 +1,132 @@
+"""Writing a textured mesh: glTF, or OBJ with its material."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intaglio.errors import FileError, InputError
+from intaglio.files import whole_file
+from intaglio.mesh_writing import check_single_precision
+from intaglio.parameterization import Parameterization
+from intaglio.photographs.texture import Texture
+from intaglio.render.compare import encode_srgb
+from intaglio.surface import Surface
+
+Array = np.ndarray
+
+TEXTURED_SUFFIXES = (".glb", ".gltf", ".obj")
+
+# Levels of the coverage picture below the photographs' numbers.
+OUTSIDE, MADE_UP = 0, 1
+
+
+def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path: str | os.PathLike[str]) -> list[Path]:
+    """Write a mesh with its texture, and beside it which texels come from which photograph.
+
+    The colour picture is 8-bit sRGB. Its alpha says what was photographed (255) and what was made up (254, which no viewer
+    shows differently); the material is opaque. ``NAME.coverage.png`` holds a number for each texel: 0 outside, 1 made up, 2 and
+    on the photographs in their order.
+
+    Parameters
+    ----------
+    mesh : Surface
+    laid : Parameterization
+        Of this mesh.
+    texture : Texture
+    path : path
+        .glb, .gltf (one file each) or .obj (with .mtl and .png beside it).
+
+    Returns
+    -------
+    list of Path
+        The files written.
+
+    Raises
+    ------
+    FileError
+        For another suffix, or if a file can't be written.
+    InputError
+        If the parameterization is not the mesh's.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in TEXTURED_SUFFIXES:
+        raise FileError(f"{path}: a textured mesh can be written as {', '.join(TEXTURED_SUFFIXES)}, not {kind!r}")
+    if len(laid.faces) != len(mesh.faces) or int(laid.vertex.max()) >= len(mesh.vertices):
+        raise InputError("the parameterization belongs to another mesh: its faces or vertices are not this one's")
+    if kind != ".obj":
+        check_single_precision(mesh, path)
+    color = np.round(encode_srgb(texture.image) * 255).astype(np.uint8)
+    known = np.where(texture.known, 255, 254).astype(np.uint8)
+    vertices = mesh.vertices[laid.vertex]
+    written = [path]
+    if kind == ".obj":
+        written += _write_obj(vertices, laid, np.dstack([color, known]), path)
+    else:
+        _write_gltf(vertices, laid, np.dstack([color, known]), path)
+    beside = path.with_name(f"{path.stem}.coverage.png")
+    _write_picture(coverage_levels(texture), beside)
+    return [*written, beside]
+
+
+def coverage_levels(texture: Texture) -> Array:
+    """Return each texel's number, (H, W) uint8: 0 outside, 1 made up, 2 + the strongest photograph's (255 for all beyond)."""
+    strongest = texture.photograph[:, :, 0].astype(np.int64)
+    levels = np.where(texture.known & (strongest >= 0), np.minimum(strongest + 2, 255), MADE_UP)
+    return np.where(texture.inside, levels, OUTSIDE).astype(np.uint8)
+
+
+def _png(pixels: Array) -> Any:
+    from PIL import Image
+
+    return Image.fromarray(pixels)
+
+
+def _write_picture(pixels: Array, path: Path) -> None:
+    with whole_file(path) as beside:
+        _png(pixels).save(beside, "PNG")
+
+
+def _write_gltf(vertices: Array, laid: Parameterization, pixels: Array, path: Path) -> None:
+    import trimesh
+
+    material = trimesh.visual.material.PBRMaterial(
+        name="photographed",
+        baseColorTexture=_png(pixels),
+        metallicFactor=0.0,
+        roughnessFactor=1.0,
+        alphaMode="OPAQUE",
+        doubleSided=False,
+    )
+    visual = trimesh.visual.TextureVisuals(uv=laid.uv, material=material)
+    textured = trimesh.Trimesh(vertices, laid.faces, visual=visual, process=False)
+    if path.suffix.lower() == ".glb":
+        data = textured.export(file_type="glb")
+    else:
+        data = trimesh.exchange.gltf.export_gltf(trimesh.Scene(textured), embed_buffers=True)["model.gltf"]
+    with whole_file(path) as beside:
+        beside.write_bytes(data)
+
+
+def _write_obj(vertices: Array, laid: Parameterization, pixels: Array, path: Path) -> list[Path]:
+    """Write OBJ, MTL and PNG; names in them are the file's own, without what MTL can't hold."""
+    stem = re.sub(r"\s+", "_", path.stem)
+    picture, material = path.with_name(f"{stem}.png"), path.with_name(f"{stem}.mtl")
+    _write_picture(pixels, picture)
+    with whole_file(material) as beside:
+        beside.write_text(f"newmtl photographed\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n", "utf-8")
+    buffer = io.StringIO()
+    buffer.write(f"mtllib {material.name}\nusemtl photographed\n")
+    np.savetxt(buffer, vertices, fmt="v %.17g %.17g %.17g")
+    np.savetxt(buffer, laid.uv, fmt="vt %.9g %.9g")
+    corners = np.repeat(laid.faces + 1, 2, axis=1)
+    np.savetxt(buffer, corners, fmt="f %d/%d %d/%d %d/%d")
+    with whole_file(path) as beside:
+        beside.write_text(buffer.getvalue(), "utf-8")
+    return [material, picture]
