@@ -19,7 +19,7 @@ Array = np.ndarray
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:1040px;margin:2em auto;padding:0 1em;color:#222;background:#fff}
 h1{font-size:1.6em;margin-bottom:0}h2{font-size:1.15em;margin:2em 0 .4em;border-bottom:1px solid #ddd}
-.row{display:flex;gap:12px;flex-wrap:wrap}.row figure{margin:0;flex:1 1 300px}.row img{width:100%;display:block}
+.row{display:flex;gap:12px;flex-wrap:wrap}.row figure{margin:0;flex:1 1 220px}.row img{width:100%;display:block}
 figcaption{font-size:.85em;color:#555}table{border-collapse:collapse}td,th{padding:.25em .9em .25em 0;text-align:left;
 border-bottom:1px solid #eee;vertical-align:top}th{font-weight:600}li{margin:.15em 0}svg{max-width:100%}
 """

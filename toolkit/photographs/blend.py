@@ -40,7 +40,7 @@ class SplineBlend:
         """
         inside = defined.astype(np.float32)[:, :, None]
         level = uploaded(np.concatenate([color * inside, inside], axis=2), self._device)
-        share = uploaded(np.repeat((mask * defined)[:, :, None].astype(np.float32), 4, axis=2), self._device)
+        share = self._softened((mask * defined).astype(np.float32))
         for number, total in enumerate(self._sums):
             here = normalized(level, self._device)
             if number + 1 < len(self._sums):
@@ -50,6 +50,13 @@ class SplineBlend:
                 share = reduced(share, self._device)
             else:
                 add_band(here, None, share, total, self._device)
+
+    def _softened(self, mask: Array) -> wp.array:
+        """Return a mask whose step at a border is a slope some texels long, since the finest band has a step of its own."""
+        full = np.ones((*mask.shape, 4), np.float32)
+        full[:, :, :3] = mask[:, :, None]
+        below = normalized(reduced(uploaded(full, self._device), self._device), self._device)
+        return expanded(below, self._shapes[0], self._device)
 
     def result(self) -> Array:
         """Return the blend, (H, W, 3); zero where no layer had any weight."""

@@ -122,14 +122,14 @@ def combine_photographs(
     views = SurfaceViews(mesh.vertices, vertex_normals(mesh.vertices, mesh.faces), mesh.faces, chosen)
     sampler = views.texels(face, weight, positions, corners, mesh.vertices, mesh.faces)
 
+    # Where no photograph is left after shrinking, those that see the face still do better than none.
     inner = shrunk(common, mesh.faces, len(mesh.vertices))
+    used = np.where(inner.any(axis=0), inner, common) if blend == "spline" else common
     if select == "best":
-        label = best_photograph(binding, mesh.faces, inner if blend == "spline" else common)
+        label = best_photograph(binding, mesh.faces, used)
     spline = SplineBlend((height, width), chosen) if blend == "spline" else None
-    coverage, of_average = (_Coverage((height, width), min(_NAMED, len(photographs))) for _ in range(2))
-    average, average_weight = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
-    plain = np.zeros((height, width, 3), np.float32) if blend == "none" and select == "best" else None
-    covered = np.zeros((height, width), bool)
+    coverage = _Coverage((height, width), min(_NAMED, len(photographs)))
+    image, weights = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
     for i, photograph in enumerate(photographs):
         if common[i].any():
             picture = Picture.of(photograph.read()[0], chosen)
@@ -138,30 +138,24 @@ def combine_photographs(
             sampled = sampler.sample(pinhole, picture, common[i], gains[i])
             facing = np.ascontiguousarray(sampled[:, :, 3])
             defined = facing > 0
-            average += sampled[:, :, :3] * facing[:, :, None]
-            average_weight += facing
-            mask = ((label == i)[face] & defined).astype(np.float32) if select == "best" else facing * inner[i][face]
-            mask *= inside
-            covered |= mask > 0
+            mask = (label == i)[face] & defined if select == "best" else facing * used[i][face]
+            mask = (mask * inside).astype(np.float32)
+            weights += mask
             coverage.add(i, mask)
-            of_average.add(i, facing)
-            if spline is not None and mask.any():
+            if spline is None:
+                image += sampled[:, :, :3] * mask[:, :, None]
+            elif mask.any():
                 spline.add(sampled[:, :, :3], defined, mask)
-            if plain is not None:
-                plain += sampled[:, :, :3] * mask[:, :, None]
         if progress is not None:
             progress(total - len(photographs) + i + 1, total)
-    known = average_weight > 0
-    image = np.where(known[:, :, None], average / np.maximum(average_weight, 1e-12)[:, :, None], 0).astype(np.float32)
+    known = weights > 0
+    image /= np.maximum(weights, 1e-12)[:, :, None]
     at_vertices = spread_colors(*bound_colors(binding, gains), mesh.faces).astype(np.float32)
     _interpolate(image, inside & ~known, face, weight, at_vertices, mesh.faces)
-    coverage.take(of_average, known & ~covered)
-    if plain is not None:
-        image = np.where(covered[:, :, None], plain, image)
     if spline is not None:
-        spline.add(image, inside, (inside & ~covered).astype(np.float32))
-        image = spline.result()
-        image = level_seams(image, inside, mesh, positions, corners, face, weight)
+        # The paper's one more mask: the complement of all others, with the interpolated colours.
+        spline.add(image, inside & ~known, (inside & ~known).astype(np.float32))
+        image = level_seams(spline.result(), inside, mesh, positions, corners, face, weight)
     notes = [*binding.notes]
     classes = np.bincount(binding.triangle_class(mesh.faces), minlength=4)
     notes.append(f"faces: {classes[1]} seen whole by a photograph, {classes[2]} in parts, {classes[3]} with unseen corners")
@@ -193,10 +187,6 @@ class _Coverage:
             stronger = weight > held
             weight[stronger], held[stronger] = held[stronger], weight[stronger]
             which[stronger], name[stronger] = name[stronger], which[stronger]
-
-    def take(self, other: _Coverage, where: Array) -> None:
-        """Take what ``other`` holds for the texels ``where`` (H, W)."""
-        self.photograph[where], self.weight[where] = other.photograph[where], other.weight[where]
 
     def shares(self) -> Array:
         """Return weights that add up to 1, where there are any."""
