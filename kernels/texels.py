@@ -110,6 +110,8 @@ class Pinhole:
     shift: wp.vec3
     center: wp.vec3
     distortion: wp.vec2
+    # Squared distance from the axis, before distortion, up to which the distortion does not turn back on itself.
+    reach: float
 
 
 @wp.func
@@ -123,8 +125,7 @@ def project(camera: Pinhole, point: wp.vec3) -> wp.vec3:
         r = x * x + y * y
         k1 = camera.distortion[0]
         k2 = camera.distortion[1]
-        # Beyond where the distortion turns back on itself the model means nothing.
-        if 1.0 + 3.0 * k1 * r + 5.0 * k2 * r * r > 0.0:
+        if r < camera.reach:
             factor = 1.0 + k1 * r + k2 * r * r
             pixel = camera.matrix * wp.vec3(x * factor, y * factor, 1.0)
             result = wp.vec3(pixel[0], pixel[1], seen[2])
@@ -222,7 +223,11 @@ def at_level(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32
         low = wp.min(int(wp.floor(level)), levels.shape[0] - 1)
         high = wp.min(low + 1, levels.shape[0] - 1)
         part = wp.min(level - float(low), 1.0)
-        result = (1.0 - part) * bilinear(picture, levels, low, x, y)
+        # The finest level is bicubic in mixtures too: sharpness would jump at a footprint of one pixel.
+        if low == 0:
+            result = (1.0 - part) * bicubic(picture, levels, x, y)
+        else:
+            result = (1.0 - part) * bilinear(picture, levels, low, x, y)
         if part > 0.0:
             result += part * bilinear(picture, levels, high, x, y)
     return result
@@ -264,7 +269,7 @@ def sample_texels_kernel(
     """Sample a picture over the footprint of every texel of the wanted faces: colour times gain, and <N, V> in the fourth.
 
     The footprint is the ellipse by which the texel's square appears in the picture: samples along its longer axis, each
-    averaged over its shorter one. (yamauchi et al., section 4.1, first case, for the weight.)
+    averaged over its shorter one. (Yamauchi et al., section 4.1, first case, for the weight.)
     """
     y, x = wp.tid()
     y = start + y
@@ -356,14 +361,15 @@ class SurfaceViews:
         self._faces = wp.array(np.ascontiguousarray(faces, np.int32), dtype=wp.int32, ndim=2, device=device)
         self._mesh = wp.Mesh(points=self._points, indices=self._faces.flatten())
 
-    def pinhole(self, matrix: np.ndarray, turn: np.ndarray, shift: np.ndarray, distortion: np.ndarray) -> Pinhole:
-        """Return a camera for the kernels: pixel = matrix (turn X + shift)."""
+    def pinhole(self, matrix: np.ndarray, turn: np.ndarray, shift: np.ndarray, distortion: np.ndarray, reach: float) -> Pinhole:
+        """Return a camera for the kernels: pixel = matrix (turn X + shift); points further than ``reach`` are not seen."""
         camera = Pinhole()
         camera.matrix = wp.mat33(*map(float, np.asarray(matrix).reshape(-1)))
         camera.turn = wp.mat33(*map(float, np.asarray(turn).reshape(-1)))
         camera.shift = wp.vec3(*map(float, turn @ self._center + shift))
         camera.center = wp.vec3(*map(float, -turn.T @ shift - self._center))
         camera.distortion = wp.vec2(*map(float, distortion))
+        camera.reach = float(min(reach, 1e30))
         return camera
 
     def visible(self, camera: Pinhole, size: tuple[int, int], clearance: float) -> tuple[np.ndarray, np.ndarray]:

@@ -72,7 +72,9 @@ def through_camera(
             "fov_axis": "x",
             "principal_point_offset_x": float(0.5 - (matrix[0, 2] + 0.5) / width),
             "principal_point_offset_y": float(0.5 - (matrix[1, 2] + 0.5) / height),
-            "near_clip": float(max(stretched[:, 2].min() * 0.1, 1e-4)) if stretched[:, 2].min() > 0 else 1e-3,
+            "near_clip": float(
+                0.1 * stretched[:, 2].min() if stretched[:, 2].min() > 0 else 1e-4 * np.abs(stretched[:, 2]).max()
+            ),
             "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
             "film": {
                 "type": "hdrfilm",

@@ -1,4 +1,4 @@
-"""A head photographed from five sides under differing light and exposure: its texture, against the true one (the papers' set-up)."""
+"""A head photographed from five sides under differing light and exposure: its texture, against the true one."""
 
 from __future__ import annotations
 
@@ -106,9 +106,7 @@ def run(args: argparse.Namespace, *, size: int = 1200, texels: int = 2048, sampl
     start = time.perf_counter()
     made = combine_photographs(surface, laid, taken, texels, binding=binding, device=args.device)
     combined = time.perf_counter() - start
-    plain = combine_photographs(
-        surface, laid, taken, texels, binding=binding, device=args.device, blend="none", exposure=False
-    )
+    plain = combine_photographs(surface, laid, taken, texels, binding=binding, device=args.device, blend="none", exposure=False)
     average = combine_photographs(
         surface, laid, taken, texels, binding=binding, device=args.device, select="average", blend="none", exposure=False
     )

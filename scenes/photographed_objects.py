@@ -106,7 +106,9 @@ def run(
     heading = ("set", "view left out", "texture", "PSNR in dB", "SSIM", "FLIP")
     write_page(page, "Photographed objects, one view left out", [table("Figures", heading, rows), *body])
     width = max(s.shape[1] for s in strips)
-    write_image(np.concatenate([np.pad(s, ((0, 0), (0, width - s.shape[1]), (0, 0)), constant_values=1.0) for s in strips]), sheet)
+    write_image(
+        np.concatenate([np.pad(s, ((0, 0), (0, width - s.shape[1]), (0, 0)), constant_values=1.0) for s in strips]), sheet
+    )
     print(f"wrote {page} and {sheet}")
     return figures
 

@@ -16,9 +16,7 @@ from intaglio.surface import Surface
 Array = np.ndarray
 
 
-def camera_towards(
-    target: Array, direction: Array, up: Array, distance: float, *, focal: float, size: tuple[int, int]
-) -> Camera:
+def camera_towards(target: Array, direction: Array, up: Array, distance: float, *, focal: float, size: tuple[int, int]) -> Camera:
     """Return a camera at ``distance`` from ``target`` in ``direction``, that looks at it; ``focal`` in pixels."""
     back = np.asarray(direction, float) / np.linalg.norm(direction)
     right = np.cross(up, back)

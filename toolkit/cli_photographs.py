@@ -28,13 +28,16 @@ from intaglio.photographs import (
 )
 from intaglio.photographs.binding import BACKGROUND_THRESHOLD
 from intaglio.photographs.report import write_texture_report
-from intaglio.photographs.textured_mesh import TEXTURED_SUFFIXES
+from intaglio.photographs.textured_mesh import TEXTURED_SUFFIXES, files_of
 from intaglio.progress import ProgressBar
 from intaglio.restoration import restore_in_detail
 from intaglio.restoration.report import write_restoration_report
 from intaglio.restoration.restore import METHODS
 
 Array = np.ndarray
+
+# Of linear samples, to work on them as they look.
+_GAMMA = 2.4
 
 # Image types that restored images are written as.
 _WRITTEN = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
@@ -108,11 +111,14 @@ def texture(
     behind: Any = _background(background)
     surface = read_surface(mesh, repair=repair)
     photographs = read_photographs(cameras, images=images)
-    for path in {output, output.with_name(f"{output.stem}.coverage.png"), output.with_suffix(".png"), output.with_suffix(".mtl")}:
-        check_writable(path, inputs=tuple(p.picture for p in photographs if isinstance(p.picture, Path)))
+    for path in files_of(output):
+        check_writable(path, inputs=(mesh, cameras, *(p.picture for p in photographs if isinstance(p.picture, Path))))
     unknown = sorted(set(leave_out) - {p.name for p in photographs})
     if unknown:
         raise InputError(f"--leave-out {unknown[0]}: {cameras} has no such view; it has {', '.join(p.name for p in photographs)}")
+    for photograph in photographs:
+        if photograph.name in leave_out and photograph.camera.distortion.any():
+            raise InputError(f"--leave-out {photograph.name}: its camera has radial distortion, which the renderer has not")
     used = [p for p in photographs if p.name not in leave_out]
     start = time.perf_counter()
     try:
@@ -197,10 +203,10 @@ def _background(text: str) -> str | tuple[float, ...] | None:
 @click.option("--method", type=click.Choice(METHODS), default="split", show_default=True)
 @click.option("--kappa", type=click.IntRange(0, 512), default=None, help="Subbands of the low band; default chosen.")
 @click.option("--levels", type=click.IntRange(1, 6), default=3, show_default=True, help="Of the pyramid.")
-@click.option("--coherence", type=float, default=5.0, show_default=True, help="Weight of continuing what neighbours copy.")
+@click.option("--coherence", type=float, default=10.0, show_default=True, help="Weight of continuing what neighbours copy.")
 @click.option("--rotations", is_flag=True, help="Compare with turned and mirrored neighbourhoods, too.")
 @click.option("--refine", type=click.IntRange(0, 10), default=1, show_default=True, help="Passes of texture optimisation.")
-@click.option("--seams/--no-seams", default=True, help="Fit what is filled to its surroundings (Poisson).")
+@click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: for split.")
 @click.option(
     "--barriers", type=click.Path(path_type=Path), default=None, help="Mask of pixels that colours don't spread across."
 )
@@ -217,7 +223,7 @@ def restore(
     coherence: float,
     rotations: bool,
     refine: int,
-    seams: bool,
+    seams: bool | None,
     barriers: Path | None,
     invert: bool,
     report: Path | None,
@@ -251,7 +257,7 @@ def restore(
     try:
         with ProgressBar("restoring") as bar:
             found = restore_in_detail(
-                colors,
+                _as_seen(colors),
                 missing,
                 method,
                 kappa=kappa,
@@ -267,7 +273,7 @@ def restore(
             )
     except InputError as problem:
         raise InputError(f"{image} with {mask}: {problem}") from problem
-    result = found.image
+    result = np.where(missing[:, :, None] if colors.ndim == 3 else missing, _as_stored(found.image, colors), colors)
     if alpha is not None:
         opaque = np.where(missing, np.iinfo(alpha.dtype).max if alpha.dtype.kind in "iu" else 1, alpha)
         result = np.dstack([result, opaque.astype(alpha.dtype)])
@@ -278,10 +284,30 @@ def restore(
     share = 100 * missing.mean()
     click.echo(f"wrote {output}: {int(missing.sum())} pixels ({share:.1f} %) restored, {seconds:.1f} s")
     if report is not None:
-        lines = write_restoration_report(report, colors, found, title=f"{image.name} restored", method=method)
+        lines = write_restoration_report(report, _as_seen(colors), found, title=f"{image.name} restored", method=method)
         for line in lines:
             click.echo(f"  {line}")
         click.echo(f"wrote {report}")
+
+
+def _as_seen(samples: Array) -> Array:
+    """Return samples in values that look evenly spaced: 8-bit ones are, deeper ones and floats are linear."""
+    if samples.dtype == np.uint8:
+        return samples
+    scale = np.iinfo(samples.dtype).max if samples.dtype.kind in "iu" else 1
+    values = samples.astype(np.float64) / scale
+    return (np.sign(values) * np.abs(values) ** (1 / _GAMMA)).astype(np.float32)
+
+
+def _as_stored(seen: Array, samples: Array) -> Array:
+    """Return what `_as_seen` gave, restored, as samples of the given type."""
+    if samples.dtype == np.uint8:
+        return seen
+    values = np.sign(seen) * np.abs(seen.astype(np.float64)) ** _GAMMA
+    if samples.dtype.kind in "iu":
+        most = np.iinfo(samples.dtype).max
+        return np.clip(np.rint(values * most), 0, most).astype(samples.dtype)
+    return values.astype(samples.dtype)
 
 
 def _mask(path: Path, shape: tuple[int, ...], image: Path) -> Array:

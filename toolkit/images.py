@@ -163,8 +163,14 @@ def write_samples(samples: Array, path: str | os.PathLike[str], *, quality: int 
     if samples.ndim not in (2, 3) or samples.size == 0 or (samples.ndim == 3 and samples.shape[2] not in (1, 3, 4)):
         raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {samples.shape}")
     if kind == ".exr":
-        scale = np.float32(np.iinfo(samples.dtype).max) if samples.dtype.kind in "iu" else np.float32(1)
-        write_image(samples.astype(np.float32) / scale, path)
+        # EXR holds linear values; 8-bit samples are sRGB.
+        values = samples.astype(np.float32)
+        if samples.dtype.kind in "iu":
+            values /= np.float32(np.iinfo(samples.dtype).max)
+        if samples.dtype == np.uint8:
+            has_alpha = values.ndim == 3 and values.shape[2] == 4
+            values = np.dstack([decode_srgb(values[:, :, :3]), values[:, :, 3:]]) if has_alpha else decode_srgb(values)
+        write_image(values, path)
         return
     if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
         raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")

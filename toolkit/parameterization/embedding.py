@@ -80,12 +80,13 @@ def intrinsic_weights(chart: Chart, share: float) -> csr_array:
         p, q = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
         cotangent[:, k] = np.einsum("ij,ij->i", p, q) / np.linalg.norm(np.cross(p, q), axis=1)
     count = len(chart.vertices)
+    # Authalic weights are per area: the mean squared edge makes the two comparable.
+    scale = float(np.mean((corner - np.roll(corner, -1, axis=1)) ** 2) * 3)
     rows, columns, values = [], [], []
     for k in range(3):
         i, j = chart.faces[:, k], chart.faces[:, (k + 1) % 3]
         squared = np.sum((corner[:, k] - corner[:, (k + 1) % 3]) ** 2, axis=1)
         opposite = share * cotangent[:, (k + 2) % 3]
-        scale = float(np.mean(squared))
         # Row i: the angle at j, beside the edge; row j: the angle at i.
         for a, b, beside in ((i, j, cotangent[:, (k + 1) % 3]), (j, i, cotangent[:, k])):
             rows.append(a)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import diags_array
+from scipy.sparse import csr_array, diags_array
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -189,27 +189,45 @@ def parameterize(
     kind = kind_of(mesh)
     if kind.pieces > 1 or kind.genus > 0:
         uv, faces, vertex = atlas(mesh.vertices, mesh.faces)
-        note = f"{kind.describe()}: no single chart can hold it, charts by xatlas"
+        note = f"{kind.describe()}: no single chart can hold it; charts by xatlas, without energy, boundary and view"
         found = _measured(mesh, uv, faces, vertex, (note,))
         return _noted(found, f"{found.charts} charts")
     notes: list[str] = []
-    graph = edge_graph(mesh.vertices, mesh.faces, options.seam_cost)
-    seam = _first_seam(mesh, kind, graph, notes)
-    best = _one_chart(options, seam, kind, tuple(notes), chosen, progress)
+    bridged = _bridged(mesh, kind, notes)
+    cost = (
+        None
+        if options.seam_cost is None
+        else np.pad(options.seam_cost, (0, len(bridged.vertices) - len(mesh.vertices)), mode="mean")
+    )
+    graph = edge_graph(bridged.vertices, bridged.faces, cost)
+    seam = _first_seam(bridged, graph, notes)
+    best = _one_chart(options, bridged, seam, tuple(notes), chosen, progress)
     if max_stretch is None:
         return best
     seams = 0
     while best.l2_stretch > max_stretch and seams < _MOST_SEAMS:
-        seams += 1
-        longer = _with_another_seam(mesh, graph, seam, kind, best)
+        longer = _with_another_seam(bridged, graph, seam, best)
         if len(longer) == len(seam):
             break
-        seam = longer
-        found = _one_chart(options, seam, kind, tuple(notes), chosen, progress)
+        try:
+            found = _one_chart(options, bridged, longer, tuple(notes), chosen, progress)
+        except InputError:
+            # What was found before is valid; a seam that leaves no chart is not cut.
+            break
+        seam, seams = longer, seams + 1
         # A seam that does not help at once may with the next one.
         if found.l2_stretch < best.l2_stretch:
             best = found
     return _noted(best, f"{seams} seams cut to lower the stretch to {best.l2_stretch:.3f}") if seams else best
+
+
+@dataclass(frozen=True)
+class _Bridged:
+    """A mesh whose small holes are closed by fans of faces, each about a vertex of its own."""
+
+    vertices: Array
+    faces: Array
+    loops: list[Array]
 
 
 class _Options:
@@ -265,19 +283,31 @@ def _direction(view: ArrayLike) -> Array:
     return towards / np.linalg.norm(towards)
 
 
-def _first_seam(mesh: Surface, kind: Kind, graph: object, notes: list[str]) -> Array:
-    """Return the seam (S, 2) that makes a surface of genus 0 a disk, but for holes that will be bridged."""
-    if not kind.loops:
+def _bridged(mesh: Surface, kind: Kind, notes: list[str]) -> _Bridged:
+    """Return the mesh with small holes closed, and its other border loops."""
+    points, fans = [mesh.vertices], [mesh.faces]
+    loops = kind.loops[:1]
+    for loop in kind.loops[1:]:
+        if not _is_small(mesh, loop):
+            loops.append(loop)
+            continue
+        hub = sum(len(p) for p in points)
+        points.append(mesh.vertices[loop].mean(axis=0, keepdims=True))
+        fans.append(np.stack([np.roll(loop, -1), loop, np.full(len(loop), hub)], axis=1).astype(np.int32))
+    if len(fans) > 1:
+        notes.append(f"{len(fans) - 1} small holes bridged while laying flat; they stay holes")
+    return _Bridged(np.concatenate(points), np.concatenate(fans), loops)
+
+
+def _first_seam(bridged: _Bridged, graph: csr_array, notes: list[str]) -> Array:
+    """Return the seam (S, 2) that makes a surface of genus 0 a disk."""
+    if not bridged.loops:
         seam = longest_way(graph)
         notes.append(f"closed surface: cut open along a seam of {len(seam)} edges")
         return seam
-    large = kind.loops[:1] + [loop for loop in kind.loops[1:] if not _is_small(mesh, loop)]
-    bridged = len(kind.loops) - len(large)
-    if bridged:
-        notes.append(f"{bridged} small holes bridged while laying flat; they stay holes")
-    seam = joining_seam(graph, large)
+    seam = joining_seam(graph, bridged.loops)
     if len(seam):
-        notes.append(f"{len(large)} borders joined by seams of {len(seam)} edges")
+        notes.append(f"{len(bridged.loops)} borders joined by seams of {len(seam)} edges")
     return seam
 
 
@@ -287,22 +317,26 @@ def _is_small(mesh: Surface, loop: Array) -> bool:
 
 
 def _one_chart(
-    options: _Options, seam: Array, kind: Kind, notes: tuple[str, ...], device: str, progress: Progress | None
+    options: _Options, bridged: _Bridged, seam: Array, notes: tuple[str, ...], device: str, progress: Progress | None
 ) -> Parameterization:
-    """Cut the mesh along ``seam``, bridge small holes, and lay it flat."""
+    """Cut the mesh along ``seam``, lay it flat, and leave the bridges over holes out again."""
     mesh = options.mesh
-    faces, origin = cut_open(mesh.faces, len(mesh.vertices), seam)
-    vertices = mesh.vertices[origin]
-    whole, filled = _bridged(mesh, kind, vertices, faces)
-    chart = Chart(whole, filled, _outer_loop(whole, filled))
-    weight = np.concatenate([options.importance, np.full(len(filled) - len(faces), _BRIDGE)])
-    uv = _laid_flat(options, chart, weight, device, progress)[: len(vertices)]
+    faces, origin = cut_open(bridged.faces, len(bridged.vertices), seam)
+    vertices = bridged.vertices[origin]
+    chart = Chart(vertices, faces, _outer_loop(faces))
+    weight = np.concatenate([options.importance, np.full(len(faces) - len(mesh.faces), _BRIDGE)])
+    uv = _laid_flat(options, chart, weight, device, progress)
+    own = faces[: len(mesh.faces)]
+    used = np.zeros(len(origin), bool)
+    used[own] = True
+    own = (np.cumsum(used) - 1).astype(np.int32)[own]
+    uv, origin = uv[used], origin[used]
     if options.boundary == "free" and options.energy not in ("intrinsic", "mean-value"):
         uv = _squared_up(uv)
-    return _measured(mesh, uv, faces, origin, notes)
+    return _measured(mesh, uv, own, origin, notes)
 
 
-def _outer_loop(vertices: Array, faces: Array) -> Array:
+def _outer_loop(faces: Array) -> Array:
     loops = border_loops(faces)
     if len(loops) != 1:
         raise InputError(
@@ -310,18 +344,6 @@ def _outer_loop(vertices: Array, faces: Array) -> Array:
             "separate parts that touch in single vertices"
         )
     return loops[0].astype(np.int64)
-
-
-def _bridged(mesh: Surface, kind: Kind, vertices: Array, faces: Array) -> tuple[Array, Array]:
-    """Return the cut mesh with a fan of faces, about a new vertex, over every small hole."""
-    points, fans = [vertices], [faces]
-    # Seams may run into a hole's border only if they join it, and these holes they don't.
-    for loop in kind.loops[1:]:
-        if _is_small(mesh, loop):
-            hub = sum(len(p) for p in points)
-            points.append(vertices[loop].mean(axis=0, keepdims=True))
-            fans.append(np.stack([np.roll(loop, -1), loop, np.full(len(loop), hub)], axis=1).astype(np.int32))
-    return np.concatenate(points), np.concatenate(fans)
 
 
 def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
@@ -339,8 +361,8 @@ def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, prog
     # The energy's optimum has as much area in the texture as on the surface, in units of the surface's.
     scale = np.sqrt(area.sum() / doubled_texture_areas(uv, chart.faces).sum())
     uv = uv * scale
-    rest = inverses(flat_edges(chart.vertices, chart.faces))
     corner = flat_edges(chart.vertices, chart.faces)
+    rest = inverses(corner)
     longest = np.max(
         [
             corner[:, 0, 0],
@@ -404,21 +426,20 @@ def _squared_up(uv: Array) -> Array:
     return 0.5 + (fitted - middle) * (1 - 2 * MARGIN) / best
 
 
-def _with_another_seam(mesh: Surface, graph: object, seam: Array, kind: Kind, found: Parameterization) -> Array:
+def _with_another_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: Parameterization) -> Array:
     """Return the seam, longer by the way to where the stretch is highest, over neighbourhoods of some rings."""
-    count = len(mesh.vertices)
-    area = doubled_areas(mesh.vertices, mesh.faces)
-    corners = mesh.faces.reshape(-1)
+    count = len(bridged.vertices)
+    own = bridged.faces[: len(found.faces)]
+    area = doubled_areas(bridged.vertices, own)
+    corners = own.reshape(-1)
     weight = np.bincount(corners, np.repeat(area, 3), count)
     stretch = np.bincount(corners, np.repeat(area * found.face_stretch**2, 3), count)
-    around = adjacency(mesh.faces, count) + diags_array(np.ones(count))
+    around = adjacency(bridged.faces, count) + diags_array(np.ones(count))
     for _ in range(round(_RINGS * count**0.5)):
         weight, stretch = around @ weight, around @ stretch
-    open_now = np.unique(np.concatenate([seam.reshape(-1), *[loop.astype(np.int64) for loop in kind.loops[:1]]]))
-    mean = stretch / weight
+    open_now = np.unique(np.concatenate([seam.reshape(-1), *[loop.astype(np.int64) for loop in bridged.loops]]))
+    mean = stretch / np.maximum(weight, 1e-300)
     mean[open_now] = 0
-    for loop in kind.loops[1:]:
-        mean[loop] = 0
     return np.concatenate([seam, path_between(graph, int(np.argmax(mean)), open_now)])
 
 
@@ -457,6 +478,4 @@ def _measured(mesh: Surface, uv: Array, faces: Array, vertex: Array, notes: tupl
 
 
 def _noted(found: Parameterization, note: str) -> Parameterization:
-    from dataclasses import replace
-
     return replace(found, notes=(*found.notes, note))

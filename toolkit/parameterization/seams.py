@@ -92,4 +92,9 @@ def longest_way(graph: csr_array) -> Array:
     for _ in range(3):
         distance = dijkstra(graph, indices=ends[-1])
         ends.append(int(np.argmax(distance)))
-    return path_between(graph, ends[-1], np.array(ends[-2:-1]))
+    path = path_between(graph, ends[-1], np.array(ends[-2:-1]))
+    if len(path) == 1:
+        # One edge parts nothing: a second one beside it does.
+        beside = graph.indices[graph.indptr[path[0, 1]] : graph.indptr[path[0, 1] + 1]]
+        path = np.concatenate([path, [[path[0, 1], int(beside[beside != path[0, 0]][0])]]])
+    return path

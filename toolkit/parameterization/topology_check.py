@@ -34,11 +34,6 @@ class Kind:
     genus: int
     loops: list[Array]
 
-    @property
-    def is_disk(self) -> bool:
-        """Whether one chart holds it as it is."""
-        return self.pieces == 1 and self.genus == 0 and len(self.loops) == 1
-
     def describe(self) -> str:
         """Return it in words."""
         if self.pieces > 1:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
+from scipy import ndimage
 
 from intaglio.kernels.pyramids import add_band, collapsed, expanded, normalized, reduced, uploaded
 
@@ -13,10 +14,52 @@ Array = np.ndarray
 _LEAST_SIDE = 8
 
 
+# Level from which on a layer's broad weight counts: structures of 2^3 texels and more.
+_BROAD = 3
+
+
+class ChartBlend:
+    """The spline for each chart by itself: what lies beside a chart in the texture need not do so on the surface.
+
+    Parameters
+    ----------
+    chart : (H, W) int array
+        Number of the chart of each texel, from 1; 0 outside.
+    device : str
+    """
+
+    def __init__(self, chart: Array, device: str) -> None:
+        self._chart = chart
+        frames = ndimage.find_objects(chart)
+        self._parts = [(n + 1, frame, SplineBlend(_shape(frame), device)) for n, frame in enumerate(frames) if frame is not None]
+
+    def add(self, color: Array, defined: Array, mask: Array, broad: Array | None = None) -> None:
+        """Add a layer to every chart on which it has any weight; see `SplineBlend.add`."""
+        for number, frame, spline in self._parts:
+            own = self._chart[frame] == number
+            here = defined[frame] & own
+            wide = None if broad is None else broad[frame] * own
+            narrow = mask[frame] * own
+            if narrow.any() or (wide is not None and wide.any()):
+                spline.add(color[frame], here, narrow, wide)
+
+    def result(self) -> Array:
+        """Return the blend, (H, W, 3); zero where no layer had any weight, and outside."""
+        image = np.zeros((*self._chart.shape, 3), np.float32)
+        for number, frame, spline in self._parts:
+            own = self._chart[frame] == number
+            image[frame][own] = spline.result()[own]
+        return image
+
+
+def _shape(frame: tuple[slice, ...]) -> tuple[int, int]:
+    return frame[0].stop - frame[0].start, frame[1].stop - frame[1].start
+
+
 class SplineBlend:
     """Adds up layers: at every level of their Laplacian pyramids, weighted by the Gaussian pyramids of their masks.
 
-    Pyramids are normalised by where a layer is defined, so that nothing beyond a layer's or a chart's border mixes in.
+    Pyramids are normalised by where a layer is defined, so that what lies beyond its border does not mix in.
 
     Parameters
     ----------
@@ -33,21 +76,27 @@ class SplineBlend:
             self._shapes.append(((height + 1) // 2, (width + 1) // 2))
         self._sums = [wp.zeros(s, dtype=wp.vec4, device=device) for s in self._shapes]
 
-    def add(self, color: Array, defined: Array, mask: Array) -> None:
+    def add(self, color: Array, defined: Array, mask: Array, broad: Array | None = None) -> None:
         """Add a layer: colour (H, W, 3), where it is ``defined`` (H, W) bool, and the weight it has there, (H, W).
 
-        The mask should end within what is defined, so that there is colour on both sides of its border.
+        The mask should end within what is defined, so that there is colour on both sides of its border. ``broad`` weighs the
+        bands of structures from `_BROAD` levels on instead.
         """
         inside = defined.astype(np.float32)[:, :, None]
         level = uploaded(np.concatenate([color * inside, inside], axis=2), self._device)
         share = self._softened((mask * defined).astype(np.float32))
+        wide = share if broad is None else self._softened((broad * defined).astype(np.float32))
         for number, total in enumerate(self._sums):
             here = normalized(level, self._device)
+            if number == _BROAD:
+                share = share if broad is None else wide
             if number + 1 < len(self._sums):
                 level = reduced(level, self._device)
                 below = expanded(normalized(level, self._device), self._shapes[number], self._device)
                 add_band(here, below, share, total, self._device)
                 share = reduced(share, self._device)
+                if broad is not None and number < _BROAD:
+                    wide = reduced(wide, self._device)
             else:
                 add_band(here, None, share, total, self._device)
 
@@ -64,20 +113,3 @@ class SplineBlend:
         for number in range(len(self._sums) - 2, -1, -1):
             image = collapsed(self._sums[number], expanded(image, self._shapes[number], self._device), self._device)
         return np.maximum(image.numpy()[:, :, :3], 0)
-
-
-def extended(color: Array, defined: Array, device: str) -> Array:
-    """Return colour (H, W, 3) that is as it was where ``defined``, and elsewhere continues smoothly from there."""
-    if defined.all() or not defined.any():
-        return color
-    inside = defined.astype(np.float32)[:, :, None]
-    levels = [uploaded(np.concatenate([color * inside, inside], axis=2), device)]
-    while min(levels[-1].shape) > 1:
-        levels.append(reduced(levels[-1], device))
-    image = normalized(levels[-1], device)
-    for level in levels[-2::-1]:
-        here = normalized(level, device).numpy()
-        below = expanded(image, level.shape, device).numpy()
-        image = uploaded(np.where(here[:, :, 3:] > 0, here, below), device)
-    filled = image.numpy()[:, :, :3]
-    return np.where(defined[:, :, None], color, filled).astype(np.float32)

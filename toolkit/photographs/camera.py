@@ -75,13 +75,23 @@ class Camera:
         """Where the camera stands, (3,): -R^T t."""
         return np.asarray(-self.R.T @ self.t)
 
+    @property
+    def reach(self) -> float:
+        """Squared distance from the axis, before distortion, at which the distortion turns back on itself; infinite if never."""
+        k1, k2 = self.distortion
+        # r (1 + k1 r^2 + k2 r^4) stops growing where 1 + 3 k1 s + 5 k2 s^2 = 0, s = r^2.
+        roots = np.roots([5 * k2, 3 * k1, 1.0]) if k2 or k1 else np.zeros(0)
+        real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+        return float(real.min()) if len(real) else np.inf
+
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Return pixels (N, 2) and depths (N,) of points (N, 3); pixels are NaN where the depth is not positive."""
+        """Return pixels (N, 2) and depths (N,) of points (N, 3); pixels are NaN where it sees nothing."""
         seen = np.asarray(points, np.float64) @ self.R.T + self.t
         depth = seen[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = np.where(depth[:, None] > 0, seen[:, :2] / depth[:, None], np.nan)
         r = np.sum(flat**2, axis=1, keepdims=True)
+        flat = np.where(r < self.reach, flat, np.nan)
         flat = flat * (1 + self.distortion[0] * r + self.distortion[1] * r**2)
         return flat @ self.K[:2, :2].T + self.K[:2, 2], depth
 
@@ -133,7 +143,7 @@ class Photograph:
                 f"{expected[0]} x {expected[1]}; use the calibrated size"
             )
         cx, cy = self.camera.K[:2, 2]
-        if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
+        if expected is None and not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
             raise InputError(
                 f"{self.name}: the principal point ({cx:.0f}, {cy:.0f}) lies outside the photograph of {width} x {height} "
                 "pixels: its calibration is for another size"

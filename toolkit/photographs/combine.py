@@ -12,13 +12,14 @@ from intaglio.errors import InputError
 from intaglio.kernels.texels import Picture, SurfaceViews, rasterize
 from intaglio.parameterization import Parameterization
 from intaglio.photographs.binding import Binding, bind_photographs, checked_photographs
-from intaglio.photographs.blend import SplineBlend, extended
+from intaglio.photographs.blend import ChartBlend
 from intaglio.photographs.camera import Photograph
 from intaglio.photographs.exposure import exposure_gains
 from intaglio.photographs.seam_levelling import level_seams
 from intaglio.photographs.selection import best_photograph, shrunk
 from intaglio.photographs.texture import Texture
 from intaglio.photographs.vertex_colors import bound_colors, spread_colors
+from intaglio.pull_push import continued
 from intaglio.surface import Surface, vertex_normals
 from intaglio.topology import pieces
 
@@ -127,14 +128,15 @@ def combine_photographs(
     used = np.where(inner.any(axis=0), inner, common) if blend == "spline" else common
     if select == "best":
         label = best_photograph(binding, mesh.faces, used)
-    spline = SplineBlend((height, width), chosen) if blend == "spline" else None
+    chart = np.where(inside, _charts(corners, len(positions))[face] + 1, 0).astype(np.int32)
+    spline = ChartBlend(chart, chosen) if blend == "spline" else None
     coverage = _Coverage((height, width), min(_NAMED, len(photographs)))
     image, weights = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
     for i, photograph in enumerate(photographs):
         if common[i].any():
             picture = Picture.of(photograph.read()[0], chosen)
             camera = photograph.camera
-            pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion)
+            pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion, camera.reach)
             sampled = sampler.sample(pinhole, picture, common[i], gains[i])
             facing = np.ascontiguousarray(sampled[:, :, 3])
             defined = facing > 0
@@ -142,10 +144,10 @@ def combine_photographs(
             mask = (mask * inside).astype(np.float32)
             weights += mask
             coverage.add(i, mask)
-            if spline is None:
-                image += sampled[:, :, :3] * mask[:, :, None]
-            elif mask.any():
-                spline.add(sampled[:, :, :3], defined, mask)
+            image += sampled[:, :, :3] * mask[:, :, None]
+            if spline is not None:
+                # Detail from one photograph, what is broader from all: that levels out their different light.
+                spline.add(sampled[:, :, :3], defined, mask, facing * used[i][face] if select == "best" else None)
         if progress is not None:
             progress(total - len(photographs) + i + 1, total)
     known = weights > 0
@@ -155,14 +157,16 @@ def combine_photographs(
     if spline is not None:
         # The paper's one more mask: the complement of all others, with the interpolated colours.
         spline.add(image, inside & ~known, (inside & ~known).astype(np.float32))
-        image = level_seams(spline.result(), inside, mesh, positions, corners, face, weight)
+        blended = spline.result()
+        shown = _face_colors(label, binding, gains, at_vertices, mesh.faces) if select == "best" else None
+        image = level_seams(blended, blended - image, inside, mesh, positions, corners, face, weight, shown)
     notes = [*binding.notes]
     classes = np.bincount(binding.triangle_class(mesh.faces), minlength=4)
     notes.append(f"faces: {classes[1]} seen whole by a photograph, {classes[2]} in parts, {classes[3]} with unseen corners")
     return Texture(
-        image=extended(image, inside, chosen),
+        image=continued(image, inside, chosen),
         known=known,
-        chart=np.where(inside, _charts(corners, len(positions))[face] + 1, 0).astype(np.int32),
+        chart=chart,
         photograph=coverage.photograph,
         weight=coverage.shares(),
         names=binding.names,
@@ -234,6 +238,15 @@ def texture_corners(mesh: Surface, uv: Parameterization | Array) -> tuple[Array,
     if not np.isfinite(used).all() or used.min() < -1e-6 or used.max() > 1 + 1e-6:
         raise InputError(f"uv must be finite and in [0, 1]; it reaches from {used.min():.4g} to {used.max():.4g}")
     return positions, corners
+
+
+def _face_colors(label: Array, binding: Binding, gains: Array, at_vertices: Array, faces: Array) -> Array:
+    """Return the colour (F, 3, 3) that each face's photograph shows at its corners; the interpolated one where it has none."""
+    color = at_vertices[faces].astype(np.float64)
+    for number in range(len(binding.names)):
+        own = label == number
+        color[own] = binding.color[number][faces[own]] * gains[number]
+    return color
 
 
 def _charts(corners: Array, count: int) -> Array:

@@ -10,8 +10,8 @@ import numpy as np
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.photographs.blend import extended
 from intaglio.photographs.texture import Texture
+from intaglio.pull_push import continued
 from intaglio.render.compare import decode_srgb, encode_srgb
 from intaglio.restoration import restore_in_detail
 
@@ -60,4 +60,4 @@ def restore_texture(
     image = np.where(filled[:, :, None], decode_srgb(found.image), texture.image).astype(np.float32)
     share = 100 * missing.sum() / max(int(texture.inside.sum()), 1)
     notes = (*texture.notes, f"{share:.1f} % of the surface's texels restored", *found.notes)
-    return replace(texture, image=extended(image, texture.inside, device_or_error(device)), notes=notes)
+    return replace(texture, image=continued(image, texture.inside, device_or_error(device)), notes=notes)

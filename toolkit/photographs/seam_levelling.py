@@ -16,36 +16,54 @@ Array = np.ndarray
 _AGREE, _STAY = 100.0, 0.01
 
 
-def level_seams(image: Array, inside: Array, mesh: Surface, uv: Array, corners: Array, face: Array, weight: Array) -> Array:
+def level_seams(
+    image: Array,
+    change: Array,
+    inside: Array,
+    mesh: Surface,
+    uv: Array,
+    corners: Array,
+    face: Array,
+    weight: Array,
+    shown: Array | None,
+) -> Array:
     """Return a texture (H, W, 3) whose colours on the two sides of each seam agree.
 
     A correction at every texture vertex makes up the difference where seams meet, and is smooth and small everywhere else
-    (as in Lempitsky & Ivanov, Seamless mosaicing of image-based texture maps, 2007, section 4).
+    (as in Lempitsky & Ivanov, Seamless mosaicing of image-based texture maps, 2007, section 4). The difference is that of what
+    blending changed, and of the photographs themselves at one place, so that a texture's own detail, which texels on the two
+    sides sample at different places, does not count.
 
     Parameters
     ----------
-    image : (H, W, 3) array
+    image, change : (H, W, 3) arrays
+        The texture, and what blending added to the photographs' colours.
     inside : (H, W) bool array
     mesh : Surface
     uv, corners : (M, 2), (F, 3) arrays
         Texture positions, and the faces' corners among them.
     face, weight : arrays
         From `rasterize`.
+    shown : (F, 3, 3) array, optional
+        Colour of the photograph chosen for each face at its corners; None where both sides of a seam show the same.
     """
-    left, right = seam_vertices(mesh, corners)
+    left, right, at_left, at_right = seam_vertices(mesh, corners)
     if len(left) == 0:
         return image
     count = len(uv)
-    color = _at_vertices(image, inside, uv)
+    color = _at_vertices(change, inside, uv)
+    step = color[right] - color[left]
+    if shown is not None:
+        flat = shown.reshape(-1, 3)
+        step += flat[at_right] - flat[at_left]
     edges = unique_edges(corners)
     rows, columns = np.concatenate([edges[:, 0], left]), np.concatenate([edges[:, 1], right])
     strength = np.concatenate([np.ones(len(edges)), np.full(len(left), _AGREE)])
     graph = coo_array((np.tile(strength, 2), (np.r_[rows, columns], np.r_[columns, rows])), shape=(count, count)).tocsr()
     system = diags_array(np.asarray(graph.sum(axis=1)).reshape(-1) + _STAY) - graph
-    step = (color[right] - color[left]) * _AGREE
     wanted = np.zeros((count, 3))
-    np.add.at(wanted, left, step)
-    np.add.at(wanted, right, -step)
+    np.add.at(wanted, left, _AGREE * step)
+    np.add.at(wanted, right, -_AGREE * step)
     correction = splu(csc_array(system), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0).solve(wanted).astype(np.float32)
     at = np.flatnonzero(face >= 0)
     corner = corners[face.reshape(-1)[at]]
@@ -59,18 +77,28 @@ def level_seams(image: Array, inside: Array, mesh: Surface, uv: Array, corners: 
     return np.maximum(levelled, 0)
 
 
-def seam_vertices(mesh: Surface, corners: Array) -> tuple[Array, Array]:
-    """Return pairs (S,) of texture vertices that are one on the mesh, at both ends of every edge that a seam parts."""
+def seam_vertices(mesh: Surface, corners: Array) -> tuple[Array, Array, Array, Array]:
+    """Return pairs (S,) of texture vertices that are one on the mesh, at both ends of every edge that a seam parts.
+
+    Also the corners (face times 3 plus place) at which each of a pair was met.
+    """
     edges, texture = directed_edges(mesh.faces), directed_edges(corners)
     keys, opposite = (edge_keys(e, len(mesh.vertices)) for e in (edges, edges[:, ::-1]))
     sorter = np.argsort(keys, kind="stable")
     at = sorter[np.minimum(np.searchsorted(keys, opposite, sorter=sorter), len(keys) - 1)]
     paired = np.flatnonzero((keys[at] == opposite) & (edges[:, 0] < edges[:, 1]))
     there = at[paired]
+
+    def following(corner: Array) -> Array:
+        return corner // 3 * 3 + (corner + 1) % 3
+
     left = np.concatenate([texture[paired, 0], texture[paired, 1]])
     right = np.concatenate([texture[there, 1], texture[there, 0]])
-    pairs = np.unique(np.stack([left, right], axis=1)[left != right], axis=0)
-    return pairs[:, 0], pairs[:, 1]
+    at_left, at_right = np.concatenate([paired, following(paired)]), np.concatenate([following(there), there])
+    parted = np.flatnonzero(left != right)
+    _, first = np.unique(np.stack([left, right], axis=1)[parted], axis=0, return_index=True)
+    which = parted[first]
+    return left[which], right[which], at_left[which], at_right[which]
 
 
 def _at_vertices(image: Array, inside: Array, uv: Array) -> Array:

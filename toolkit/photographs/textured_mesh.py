@@ -65,14 +65,21 @@ def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path
     color = np.round(encode_srgb(texture.image) * 255).astype(np.uint8)
     known = np.where(texture.known, 255, 254).astype(np.uint8)
     vertices = mesh.vertices[laid.vertex]
-    written = [path]
+    written = files_of(path)
     if kind == ".obj":
-        written += _write_obj(vertices, laid, np.dstack([color, known]), path)
+        _write_obj(vertices, laid, np.dstack([color, known]), *written[:3])
     else:
         _write_gltf(vertices, laid, np.dstack([color, known]), path)
-    beside = path.with_name(f"{path.stem}.coverage.png")
-    _write_picture(coverage_levels(texture), beside)
-    return [*written, beside]
+    _write_picture(coverage_levels(texture), written[-1])
+    return written
+
+
+def files_of(path: str | os.PathLike[str]) -> list[Path]:
+    """Return the files that `write_textured` writes for ``path``."""
+    path = Path(path)
+    stem = re.sub(r"\s+", "_", path.stem)
+    beside = [path.with_name(f"{stem}.mtl"), path.with_name(f"{stem}.png")] if path.suffix.lower() == ".obj" else []
+    return [path, *beside, path.with_name(f"{path.stem}.coverage.png")]
 
 
 def coverage_levels(texture: Texture) -> Array:
@@ -114,10 +121,8 @@ def _write_gltf(vertices: Array, laid: Parameterization, pixels: Array, path: Pa
         beside.write_bytes(data)
 
 
-def _write_obj(vertices: Array, laid: Parameterization, pixels: Array, path: Path) -> list[Path]:
-    """Write OBJ, MTL and PNG; names in them are the file's own, without what MTL can't hold."""
-    stem = re.sub(r"\s+", "_", path.stem)
-    picture, material = path.with_name(f"{stem}.png"), path.with_name(f"{stem}.mtl")
+def _write_obj(vertices: Array, laid: Parameterization, pixels: Array, path: Path, material: Path, picture: Path) -> None:
+    """Write OBJ, MTL and PNG; MTL can't hold names with spaces."""
     _write_picture(pixels, picture)
     with whole_file(material) as beside:
         beside.write_text(f"newmtl photographed\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n", "utf-8")
@@ -129,4 +134,3 @@ def _write_obj(vertices: Array, laid: Parameterization, pixels: Array, path: Pat
     np.savetxt(buffer, corners, fmt="f %d/%d %d/%d %d/%d")
     with whole_file(path) as beside:
         beside.write_text(buffer.getvalue(), "utf-8")
-    return [material, picture]

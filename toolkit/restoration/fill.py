@@ -21,7 +21,11 @@ _AROUND = [(dy, dx) for dy in range(-1, 2) for dx in range(-1, 2)]
 # Its eight orientations (figure 14): quarter turns, and their mirror images.
 _QUARTER = np.array([[0, 1], [-1, 0]])
 _MIRROR = np.array([[1, 0], [0, -1]])
-ORIENTATIONS = [np.linalg.matrix_power(_QUARTER, q) @ m for m in (np.eye(2, dtype=int), _MIRROR) for q in range(4)]
+ORIENTATIONS = np.stack([np.linalg.matrix_power(_QUARTER, q) @ m for m in (np.eye(2, dtype=int), _MIRROR) for q in range(4)])
+
+# Number of the orientation that first b and then a gives, and of the one that leads from b to a.
+_AFTER = np.array([[[np.array_equal(a @ b, c) for c in ORIENTATIONS].index(True) for b in ORIENTATIONS] for a in ORIENTATIONS])
+_FROM = np.array([[[np.array_equal(a @ b.T, c) for c in ORIENTATIONS].index(True) for b in ORIENTATIONS] for a in ORIENTATIONS])
 
 # The kernels' steps in each orientation: on a pixel's own level, and on the next coarser one.
 _OWN, _COARSE = (np.stack([np.array(pattern) @ turn.T for turn in ORIENTATIONS]) for pattern in (_CAUSAL, _AROUND))
@@ -58,6 +62,8 @@ class _Level:
         Number of the chart that a pixel lies in, 0 outside.
     source : (H, W, 2) int32 array
         Place that each pixel copies; itself where known, -1 where nothing yet.
+    turn : (H, W) int8 array
+        Orientation in which the pixel's surroundings appear about its source.
     """
 
     def __init__(self, values: Array, known: Array, chart: Array) -> None:
@@ -68,6 +74,7 @@ class _Level:
         self._flat, self._width = framed.reshape(-1, values.shape[2]), framed.shape[1]
         places = np.moveaxis(np.indices(known.shape), 0, 2).astype(np.int32)
         self.source = np.where(known[:, :, None], places, -1)
+        self.turn = np.zeros(known.shape, np.int8)
 
     def around(self, pixels: Array, steps: Array) -> Array:
         """Return the values (M, K C) at ``steps`` (M, K, 2) or (K, 2), at most `_FRAME` long, from pixels (M, 2)."""
@@ -85,8 +92,8 @@ def fill(
     coherence: float,
     rotations: bool,
     progress: Progress | None = None,
-) -> Array:
-    """Return the place (H, W, 2) that every pixel of a band copies: itself where known.
+) -> tuple[Array, Array]:
+    """Return the place (H, W, 2) that every pixel of a band copies, itself where known, and the orientation it is seen in, (H, W).
 
     Parameters
     ----------
@@ -99,8 +106,8 @@ def fill(
         Of the Gaussian pyramid, the paper's n + 1.
     coherence : float
         The paper's kappa of coherent matching (Hertzmann et al. 2001): on the finest level, the place next to a neighbour's
-        source is taken if it is at most 1 + coherence times as far as the nearest neighbourhood; half of that on each coarser
-        one.
+        source is taken if its squared distance is at most 1 + coherence times the nearest neighbourhood's; half of the coherence
+        on each coarser one.
     rotations : bool
         Compare with neighbourhoods turned and mirrored, too.
     progress : callable, optional
@@ -119,7 +126,7 @@ def fill(
             if number + 1 < len(pyramid):
                 _estimate(pyramid[number], pyramid[number + 1])
             done = _fill_level(pyramid, number, coherence / 2**number, rotations, done, total, progress)
-    return pyramid[0].source
+    return pyramid[0].source, pyramid[0].turn
 
 
 def _pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Level]:
@@ -186,9 +193,9 @@ def _fill_level(
     finished = 0
     while finished < len(pixels):
         chosen = front.next_pixels()
-        source = _matched(pyramid, number, table, pixels[chosen], front.orientation(chosen), coherence, whole)
+        source, turn = _matched(pyramid, number, table, pixels[chosen], front.orientation(chosen), coherence, whole)
         y, x = pixels[chosen].T
-        level.source[y, x] = source
+        level.source[y, x], level.turn[y, x] = source, turn
         level.values[y, x] = level.values[source[:, 0], source[:, 1]]
         front.fill(chosen)
         finished += len(chosen)
@@ -211,7 +218,7 @@ class _Front:
     """
 
     def __init__(self, open_now: Array, chart: Array, pixels: Array, ring: Array) -> None:
-        self._number = np.full(open_now.shape, -1)
+        self._number: Array = np.full(open_now.shape, -1)
         self._number[open_now] = np.arange(len(pixels))
         self._chart, self._pixels, self._ring = chart, pixels, ring
         self._filled = np.zeros(len(pixels), bool)
@@ -267,7 +274,7 @@ class _Front:
         self._number[pixels[:, 0], pixels[:, 1]] = -1
         within, y, x = self._places(pixels[:, None, None, :] - _OWN, self._chart[pixels[:, 0], pixels[:, 1]][:, None, None])
         number = np.where(within, self._number[y, x], -1)
-        _, orientation, _ = np.nonzero(number >= 0)
+        orientation = np.nonzero(number >= 0)[1]
         number = number[number >= 0]
         was_ready = (self._lacking[number] == 0).any(axis=1)
         np.subtract.at(self._lacking, (number, orientation), 1)
@@ -296,8 +303,8 @@ class _Table:
         self._nearest: dict[int, NearestWindows] = {}
         self._places = np.tile(candidates, (8, 1)) if rotations else candidates
 
-    def find(self, orientation: int, queries: Array) -> Array:
-        """Return the place (Q, 2) of the nearest neighbourhood for queries (Q, D) of one orientation."""
+    def find(self, orientation: int, queries: Array) -> tuple[Array, Array]:
+        """Return the place (Q, 2) and orientation (Q,) of the nearest neighbourhood for queries (Q, D) of one orientation."""
         key = 0 if self._rotations else orientation
         if key not in self._nearest:
             turned = range(8) if self._rotations else (orientation,)
@@ -305,47 +312,53 @@ class _Table:
                 _neighbourhoods(self._pyramid, self._number, self._candidates, np.full(len(self._candidates), o)) for o in turned
             ]
             self._nearest[key] = NearestWindows(np.concatenate(rows), _COMPONENTS, relative=True)
-        return np.asarray(self._places[self._nearest[key].find(queries)])
+        found = self._nearest[key].find(queries)
+        seen = found // len(self._candidates) if self._rotations else np.full(len(found), orientation)
+        return self._places[found], seen
 
 
 def _matched(
     pyramid: list[_Level], number: int, table: _Table, pixels: Array, orientation: Array, coherence: float, whole: Array
-) -> Array:
-    """Return the place (M, 2) that each pixel copies: of the nearest neighbourhood, or one that continues a neighbour's."""
+) -> tuple[Array, Array]:
+    """Return the place (M, 2) that each pixel copies, of the nearest neighbourhood or one that continues a neighbour's.
+
+    Also the orientation (M,) in which the pixel's surroundings appear there.
+    """
     level = pyramid[number]
     query = _neighbourhoods(pyramid, number, pixels, orientation)
-    place = np.zeros_like(pixels)
+    place, seen = np.zeros_like(pixels), np.zeros(len(pixels), int)
     for o in np.unique(orientation):
         which = orientation == o
-        place[which] = table.find(int(o), query[which])
-    least = _apart(_neighbourhoods(pyramid, number, place, orientation), query)
+        place[which], seen[which] = table.find(int(o), query[which])
+    turn = _FROM[seen, orientation]
+    least = _apart(_neighbourhoods(pyramid, number, place, seen), query)
     height, width = level.known.shape
     steps = _OWN[orientation]
     around = pixels[:, None, :] + steps
     y, x = np.clip(around[..., 0], 0, height - 1), np.clip(around[..., 1], 0, width - 1)
-    continued = level.source[y, x] - steps
+    turned = level.turn[y, x]
+    continued = level.source[y, x] - np.einsum("mkij,mkj->mki", ORIENTATIONS[turned], steps)
     # Known neighbours copy themselves: what continues them is the missing pixel.
     inside = ~level.known[y, x] & (continued >= 0).all(axis=2) & (continued < (height, width)).all(axis=2)
     inside &= level.source[y, x, 0] >= 0
     row, slot = np.nonzero(inside)
     spot = continued[row, slot]
-    place_number = spot[:, 0] * width + spot[:, 1]
-    # Neighbours often agree.
-    key = np.unique(row * (height * width) + place_number)
-    row, place_number = key // (height * width), key % (height * width)
-    spot = np.stack([place_number // width, place_number % width], axis=1)
+    # Neighbours often agree: one number for pixel, place and orientation.
+    size = height * width
+    key = np.unique((row * size + spot[:, 0] * width + spot[:, 1]) * 8 + turned[row, slot])
+    row, at, leads = key // (8 * size), key // 8 % size, key % 8
+    spot = np.stack([at // width, at % width], axis=1)
     usable = whole[spot[:, 0], spot[:, 1]]
-    row, spot = row[usable], spot[usable]
+    row, spot, leads = row[usable], spot[usable], leads[usable]
     if len(row) == 0:
-        return place
-    away = _apart(_neighbourhoods(pyramid, number, spot, orientation[row]), query[row])
+        return place, turn
+    away = _apart(_neighbourhoods(pyramid, number, spot, _AFTER[leads, orientation[row]]), query[row])
     order = np.lexsort((away, row))
-    row, spot, away = row[order], spot[order], away[order]
-    first = np.concatenate([[True], row[1:] != row[:-1]])
-    row, spot, away = row[first], spot[first], away[first]
-    take = away <= least[row] * (1 + coherence) ** 2
-    place[row[take]] = spot[take]
-    return place
+    order = order[np.concatenate([[True], np.diff(row[order]) != 0])]
+    row, spot, leads, away = row[order], spot[order], leads[order], away[order]
+    take = away <= least[row] * (1 + coherence)
+    place[row[take]], turn[row[take]] = spot[take], leads[take]
+    return place, turn
 
 
 def _apart(a: Array, b: Array) -> Array:

@@ -11,6 +11,9 @@ Array = np.ndarray
 DEVIATION = 0.001
 MOST_SUBBANDS = 16
 
+# Times the least deviation.
+_HARDLY_MORE = 1.1
+
 # Images are analysed at no more than about this many pixels a side: large structures need no more.
 _ANALYSED = 512
 
@@ -49,10 +52,10 @@ def deviations(image: Array) -> Array:
     span = float(np.ptp(luminance))
     if span == 0:
         return np.zeros(MOST_SUBBANDS + 1)
-    step = -(-max(luminance.shape) // _ANALYSED)
-    if step > 1:
-        height, width = (n // step * step for n in luminance.shape)
-        luminance = luminance[:height, :width].reshape(height // step, step, width // step, step).mean(axis=(1, 3))
+    down, across = (min(n, -(-max(luminance.shape) // _ANALYSED)) for n in luminance.shape)
+    if max(down, across) > 1:
+        height, width = luminance.shape[0] // down * down, luminance.shape[1] // across * across
+        luminance = luminance[:height, :width].reshape(height // down, down, width // across, across).mean(axis=(1, 3))
     height, width = luminance.shape
     # A square with zeros around, as in the paper: frequencies mean the same along both sides then.
     side = max(height, width)
@@ -68,6 +71,9 @@ def deviations(image: Array) -> Array:
 
 
 def chosen_kappa(image: Array) -> int:
-    """Return the lowest number of subbands whose high band deviates by less than `DEVIATION`; the most if none does."""
-    below = np.flatnonzero(deviations(image) < DEVIATION)
-    return int(below[0]) if len(below) else MOST_SUBBANDS
+    """Return the lowest number of subbands whose high band deviates by less than `DEVIATION`.
+
+    Where none does, since the texture itself is strong and regular, the lowest that deviates hardly more than the best.
+    """
+    found = deviations(image)
+    return int(np.flatnonzero(found < max(DEVIATION, _HARDLY_MORE * float(found.min()) + 1e-12))[0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
+from intaglio.restoration.fill import ORIENTATIONS
 from intaglio.restoration.solve import solved
 
 Array = np.ndarray
@@ -13,7 +14,7 @@ Array = np.ndarray
 _PULL = 1e-4
 
 
-def corrected(filled: Array, band: Array, source: Array, missing: Array, chart: Array) -> Array:
+def corrected(filled: Array, band: Array, source: Array, turn: Array, missing: Array, chart: Array) -> Array:
     """Return the band (H, W, C) with its missing pixels fitted to known neighbours and to their sources' differences.
 
     Minimises sum (u_p - u_q - g_pq)^2 over neighbours p, q of which one at least is missing; g_pq is the difference between
@@ -26,6 +27,8 @@ def corrected(filled: Array, band: Array, source: Array, missing: Array, chart: 
     band : (H, W, C) array
         What is copied from.
     source : (H, W, 2) int array
+    turn : (H, W) int array
+        Orientation, of `ORIENTATIONS`, in which a pixel's surroundings appear about its source.
     missing : (H, W) bool array
     chart : (H, W) int array
         Pixels of different charts are no neighbours; 0 is none.
@@ -48,8 +51,8 @@ def corrected(filled: Array, band: Array, source: Array, missing: Array, chart: 
         same = usable[qy, qx] & (chart[py, px] == chart[qy, qx])
         py, px, qy, qx = py[same], px[same], qy[same], qx[same]
         p = number[py, px]
-        wanted = _difference(band, source[py, px], (dy, dx), missing, usable)
-        back = _difference(band, source[qy, qx], (-dy, -dx), missing, usable)
+        wanted = _difference(band, source[py, px], ORIENTATIONS[turn[py, px]] @ (dy, dx), missing, chart)
+        back = _difference(band, source[qy, qx], ORIENTATIONS[turn[qy, qx]] @ (-dy, -dx), missing, chart)
         both = np.isfinite(back[:, 0]) & missing[qy, qx]
         wanted = np.where(both[:, None], np.where(np.isfinite(wanted), (wanted - back) / 2, -back), wanted)
         # Where neither end's source has such a neighbour, what was filled tells.
@@ -71,12 +74,13 @@ def corrected(filled: Array, band: Array, source: Array, missing: Array, chart: 
     return result
 
 
-def _difference(band: Array, at: Array, step: tuple[int, int], missing: Array, usable: Array) -> Array:
-    """Return value(at) - value(at + step), (M, C); NaN where the neighbour is not known."""
-    beside = at + np.array(step)
+def _difference(band: Array, at: Array, step: Array, missing: Array, chart: Array) -> Array:
+    """Return value(at) - value(at + step), (M, C); NaN where the neighbour is not known or of another chart."""
+    beside = at + step
     inside = ((beside >= 0) & (beside < missing.shape)).all(axis=1)
     safe = np.where(inside[:, None], beside, at)
-    known = inside & ~missing[safe[:, 0], safe[:, 1]] & usable[safe[:, 0], safe[:, 1]]
+    known = inside & ~missing[safe[:, 0], safe[:, 1]]
+    known &= chart[safe[:, 0], safe[:, 1]] == chart[at[:, 0], at[:, 1]]
     found = band[at[:, 0], at[:, 1]].astype(np.float64) - band[safe[:, 0], safe[:, 1]]
     found[~known] = np.nan
     return np.asarray(found)

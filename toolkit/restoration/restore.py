@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
+from intaglio.pull_push import continued
 from intaglio.restoration.fill import fill
 from intaglio.restoration.frequency import MOST_SUBBANDS, chosen_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
@@ -94,10 +95,10 @@ def restore_in_detail(
     *,
     kappa: int | None = None,
     levels: int = 3,
-    coherence: float = 5.0,
+    coherence: float = 10.0,
     rotations: bool = False,
     refine: int = 1,
-    seams: bool = True,
+    seams: bool | None = None,
     barriers: Array | None = None,
     inside: Array | None = None,
     device: str | None = None,
@@ -124,9 +125,10 @@ def restore_in_detail(
     rotations : bool
         Also compare with neighbourhoods turned by quarters and mirrored.
     refine : int
-        Passes of texture optimisation over the filled region for each size of window, 0 to 10; 0: the paper's synthesis alone.
-    seams : bool
-        Fit filled pixels to the known ones around them by their sources' differences (Poisson).
+        Passes of texture optimisation over the filled region, with windows of 8 pixels, 0 to 10; 0: the paper's synthesis alone.
+    seams : bool, optional
+        Fit filled pixels to the known ones around them by their sources' differences (Poisson). Default: for the split; it
+        diffuses what is known, which synthesis alone does not.
     barriers : (H, W) bool array, optional
         Pixels that give no colour when diffusing, so that an edge stays an edge (two pixels wide to hold diagonally).
     inside : (H, W) bool or int array, optional
@@ -153,7 +155,7 @@ def restore_in_detail(
     coherence = checked_number("coherence", coherence, 0, 100)
     if kappa is not None:
         kappa = checked_count("kappa", kappa, 0, 512)
-    device_or_error(device)
+    chosen = device_or_error(device)
     given = _checked_image(image)
     shape = given.shape[:2]
     hole = checked_mask("missing", missing, shape)
@@ -178,14 +180,14 @@ def restore_in_detail(
     low_end, high_end = float(values[known].min()), float(values[known].max())
     span = high_end - low_end or 1.0
     scaled = np.where(known[:, :, None], (np.where(known[:, :, None], values, 0) - low_end) / span, 0).astype(np.float32)
-    smooth = inpaint(scaled, hole, usable=usable, barriers=stops)
+    smooth = inpaint(scaled, hole, chart=chart, barriers=stops)
     notes: list[str] = []
     source = here
     if method == "inpaint":
         result, low, bands = smooth, smooth, MOST_SUBBANDS
     else:
         # Transforms see the whole rectangle: outside, the nearest colours go on.
-        whole = _everywhere(smooth, usable)
+        whole = continued(smooth, usable, chosen)
         if method == "synthesize":
             bands = 0
         else:
@@ -194,8 +196,8 @@ def restore_in_detail(
         low = low_band(whole, bands)
         high = whole - low
         if bands:
-            low = inpaint(low, hole, usable=usable, barriers=stops)
-        source = fill(
+            low = inpaint(low, hole, chart=chart, barriers=stops)
+        source, turn = fill(
             np.where(hole[:, :, None], 0 if bands else high, high),
             hole,
             chart,
@@ -204,10 +206,13 @@ def restore_in_detail(
             rotations=rotations,
             progress=progress,
         )
-        source = _refined(high, known, source, hole, refine, notes)
+        source = np.where(source < 0, here, source)
+        before, source = source, _refined(high, known, source, hole, refine, notes)
+        # Optimisation compares and copies windows as they are.
+        turn = np.where((source == before).all(axis=2), turn, 0)
         detail = high[source[:, :, 0], source[:, :, 1]]
-        if seams:
-            detail = corrected(detail, high, source, hole, chart)
+        if seams or (seams is None and method == "split"):
+            detail = corrected(detail, high, source, turn, hole, chart)
         result = low + _contrast_of_surroundings(detail, hole, known)
     filled = _as_given(result * span + low_end, given, low_end, high_end)
     image_out = given.copy().reshape(values.shape)
@@ -224,7 +229,6 @@ def restore_in_detail(
 
 def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int, notes: list[str]) -> Array:
     """Return the provenance after texture optimisation over the hole."""
-    source = np.where(source < 0, 0, source)
     if passes == 0:
         return source
     rows, columns = np.nonzero(hole)
@@ -262,20 +266,19 @@ def _contrast_of_surroundings(detail: Array, hole: Array, known: Array) -> Array
     def around(mask: Array) -> Array:
         weight = ndimage.gaussian_filter(mask.astype(np.float32), _SURROUNDINGS)
         total = ndimage.gaussian_filter(np.where(mask, energy, 0), _SURROUNDINGS)
-        return np.asarray(total / np.maximum(weight, 1e-6))
+        near = weight > 1e-3
+        mean = total / np.maximum(weight, 1e-6)
+        if near.all() or not near.any():
+            return np.asarray(mean)
+        # Deep inside a hole nothing known is near: what is nearest counts.
+        rows, columns = ndimage.distance_transform_edt(~near, return_distances=False, return_indices=True)
+        return np.asarray(mean[rows, columns])
 
     # Next to the border, differences reach across it.
     outer = known & ~ndimage.binary_dilation(hole, iterations=2)
     factor = np.sqrt(around(outer) / np.maximum(around(hole), 1e-12))
     factor = np.clip(factor, 1 / _MOST_CONTRAST, _MOST_CONTRAST)
     return np.where(hole[:, :, None], smooth + factor[:, :, None] * fine, detail).astype(np.float32)
-
-
-def _everywhere(values: Array, usable: Array) -> Array:
-    """Return values with what is not usable filled in, so that transforms meet no step there."""
-    if usable.all():
-        return values
-    return inpaint(values, ~usable, usable=np.ones_like(usable))
 
 
 def _checked_image(image: Array) -> Array:
