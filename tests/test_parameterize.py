@@ -167,7 +167,7 @@ def test_a_square_border_fills_the_square():
 def test_what_faces_the_view_gets_more_of_the_texture():
     surface = half_sphere(2000, height=0.05)
     even, favoured = laid_flat(surface), laid_flat(surface, view=(0, 0, 1), importance=1.2)
-    share = [dict((n, t) for n, _, t in area_by_view(p, surface, (0, 0, 1)))["facing the view"] for p in (even, favoured)]
+    share = [{n: t for n, _, t in area_by_view(p, surface, (0, 0, 1))}["facing the view"] for p in (even, favoured)]
     assert share[1] > 1.1 * share[0]
 
 
@@ -208,6 +208,21 @@ def test_small_holes_are_bridged_wherever_the_seam_runs(first):
     found = laid_flat(cylinder(holes=(first, first + 60)))
     assert found.l2_stretch < 1.02
     assert "2 small holes bridged" in found.notes[0]
+
+
+def test_long_tubes_are_joined_end_to_end():
+    tube = cylinder(12, 60)
+    long = Surface(vertices=tube.vertices * (0.1, 0.1, 2.5), faces=tube.faces)
+    found = laid_flat(long)
+    assert "2 borders joined" in found.notes[0]
+    assert found.l2_stretch < 1.01
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e6])
+def test_charts_do_not_depend_on_the_unit(scale):
+    surface = torus()
+    found = laid_flat(Surface(vertices=surface.vertices * scale, faces=surface.faces))
+    assert found.l2_stretch == pytest.approx(parameterize(surface).l2_stretch, rel=0.02)
 
 
 def test_a_torus_gets_charts():

@@ -129,7 +129,7 @@ def test_kappa_is_the_lowest_that_leaves_a_homogeneous_band():
     assert deviations(image).min() > DEVIATION
     assert chosen_kappa(image) <= 2
     y, x = np.mgrid[:96, :128]
-    shaded = 0.1 * image + (np.cos(x / 40) * np.cos(y / 30))[:, :, None]
+    shaded = 0.1 * image + (np.cos(x / 12) * np.cos(y / 15))[:, :, None]
     kappa = chosen_kappa(shaded)
     found = deviations(shaded)
     assert kappa > 2
@@ -258,11 +258,35 @@ def test_bad_input_is_named(change, message):
         restore_in_detail(**arguments)
 
 
-def test_slivers_are_too_little_to_copy_from():
+def test_slivers_are_inpainted():
     missing = np.ones((40, 40), bool)
     missing[:, ::4] = False
-    with pytest.raises(InputError, match="5 x 5"):
-        restore(np.zeros((40, 40), np.float32) + np.arange(40, dtype=np.float32), missing)
+    image = np.zeros((40, 40), np.float32) + np.arange(40, dtype=np.float32)
+    found = restore_in_detail(image, missing)
+    np.testing.assert_allclose(found.image[5:-5, 5:35], image[5:-5, 5:35], atol=1e-2)
+    assert "inpainted" in found.notes[0]
+
+
+def test_values_of_any_range_keep_their_detail():
+    base = np.random.default_rng(9).random((40, 44))
+    missing = np.zeros((40, 44), bool)
+    missing[15:25, 15:25] = True
+    small = restore(base, missing)
+    for scale, offset in ((1e9, 0), (1, 1e6), (1e-12, 0), (1e300, 0)):
+        found = restore(base * scale + offset, missing)
+        np.testing.assert_allclose((found - offset) / scale, small, atol=2e-4)
+    for dtype in (np.int32, np.uint32, np.int64):
+        whole = np.full((40, 44), min(np.iinfo(dtype).max, 2**50), dtype)
+        np.testing.assert_array_equal(restore(whole, missing), whole)
+    assert np.isfinite(restore(((base * 2 - 1) * 6e4).astype(np.float16), missing)).all()
+    with pytest.raises(InputError, match="2\\^53"):
+        restore(np.full((40, 44), 2**60), missing)
+
+
+def test_large_chart_numbers_are_charts():
+    image = texture()[:, :, 0]
+    inside = np.full(image.shape, 2**40)
+    np.testing.assert_array_equal(restore(image, blob(), inside=inside), restore(image, blob()))
 
 
 def test_assessment_of_the_truth_is_the_truths():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from intaglio.mesh_reading import read_surface
 from intaglio.parameterization import parameterize
 from intaglio.parameterization.parameterize import BOUNDARIES, ENERGIES
 from intaglio.photographs import (
+    Photograph,
     bind_photographs,
     border_step,
     combine_photographs,
@@ -33,6 +35,7 @@ from intaglio.progress import ProgressBar
 from intaglio.restoration import restore_in_detail
 from intaglio.restoration.report import write_restoration_report
 from intaglio.restoration.restore import METHODS
+from intaglio.topology import used_vertices
 
 Array = np.ndarray
 
@@ -110,16 +113,22 @@ def texture(
     chosen = device_or_error(device)
     behind: Any = _background(background)
     surface = read_surface(mesh, repair=repair)
+    if repair:
+        surface = surface.part(used_vertices(surface.faces, len(surface.vertices)))
     photographs = read_photographs(cameras, images=images)
     for path in files_of(output):
-        check_writable(path, inputs=(mesh, cameras, *(p.picture for p in photographs if isinstance(p.picture, Path))))
+        check_writable(path, inputs=(mesh, cameras, *_materials(mesh), *_pictures(photographs)))
     unknown = sorted(set(leave_out) - {p.name for p in photographs})
     if unknown:
         raise InputError(f"--leave-out {unknown[0]}: {cameras} has no such view; it has {', '.join(p.name for p in photographs)}")
     for photograph in photographs:
         if photograph.name in leave_out and photograph.camera.distortion.any():
             raise InputError(f"--leave-out {photograph.name}: its camera has radial distortion, which the renderer has not")
+        # A photograph that does not fit its calibration is better known before the work than after it.
+        photograph.read()
     used = [p for p in photographs if p.name not in leave_out]
+    if not used:
+        raise InputError("--leave-out leaves no photograph to make a texture from")
     start = time.perf_counter()
     try:
         with ProgressBar("laying the surface flat") as bar:
@@ -177,13 +186,35 @@ def texture(
     )
     extra = []
     for photograph in (p for p in photographs if p.name in leave_out):
-        seen = compare_with_photograph(surface, laid, made.image, made.known, photograph, seed=seed)
+        try:
+            seen = compare_with_photograph(surface, laid, made.image, made.known, photograph, seed=seed)
+        except InputError as problem:
+            click.echo(f"warning: {problem}", err=True)
+            continue
         line = f"left out {seen.name}: PSNR {seen.psnr:.2f} dB, SSIM {seen.comparison.ssim:.4f}, FLIP {seen.comparison.flip:.4f}"
         click.echo(f"  {line}")
         extra.append(line)
     if report is not None:
         write_texture_report(report, surface, laid, made, title=f"{mesh.name} textured", view=view, extra=extra)
         click.echo(f"wrote {report}")
+
+
+def _pictures(photographs: list[Photograph]) -> list[Path]:
+    return [p.picture for p in photographs if isinstance(p.picture, Path)]
+
+
+def _materials(mesh: Path) -> list[Path]:
+    """Return the material and picture files that an OBJ names."""
+    if mesh.suffix.lower() != ".obj":
+        return []
+    found = []
+    for name in re.findall(r"^mtllib\s+(.+?)\s*$", mesh.read_text("utf-8", "replace"), re.MULTILINE):
+        library = mesh.parent / name
+        found.append(library)
+        if library.is_file():
+            text = library.read_text("utf-8", "replace")
+            found += [mesh.parent / n for n in re.findall(r"^\s*(?:map_\w+|bump|disp|norm)\s.*?(\S+)\s*$", text, re.MULTILINE)]
+    return found
 
 
 def _background(text: str) -> str | tuple[float, ...] | None:
@@ -245,6 +276,8 @@ def restore(
         given = [n for n in ("kappa", "levels", "coherence", "rotations", "refine") if was_given(n)]
         if given:
             raise InputError(f"--{given[0]} is for synthesis; --method inpaint has none")
+    if method == "synthesize" and was_given("kappa"):
+        raise InputError("--kappa is for --method split; synthesis alone has no low band")
     known_suffix(image, READABLE_SUFFIXES, "image")
     values = read_samples(image)
     if values.dtype.kind == "f" and output.suffix.lower() != ".exr":
@@ -315,7 +348,7 @@ def _mask(path: Path, shape: tuple[int, ...], image: Path) -> Array:
     known_suffix(path, READABLE_SUFFIXES, "mask")
     values = read_samples(path)
     # Of a mask with alpha but one colour, the alpha is the mask.
-    if values.ndim == 3 and values.shape[2] == 4 and np.ptp(values[:, :, :3]) == 0:
+    if values.ndim == 3 and values.shape[2] == 4 and np.ptp(values[:, :, :3]) == 0 < np.ptp(values[:, :, 3]):
         values = values[:, :, 3]
     elif values.ndim == 3:
         values = values[:, :, :3].max(axis=2)
@@ -324,5 +357,5 @@ def _mask(path: Path, shape: tuple[int, ...], image: Path) -> Array:
             f"{path}: the mask has {values.shape[1]} x {values.shape[0]} pixels, {image} has {shape[1]} x {shape[0]}; "
             "give a mask of the image's size"
         )
-    top = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else 1.0
+    top = np.iinfo(values.dtype).max if values.dtype.kind in "iu" and values.max() > 1 else 1.0
     return np.asarray(values >= top / 2)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.errors import InputError
+
 Array = np.ndarray
 
 
@@ -17,12 +19,20 @@ def atlas(vertices: Array, faces: Array, *, texels: int = 1024, padding: int = 4
         Side of the texture for which charts are packed.
     padding : int
         Texels between charts at that size.
+
+    Raises
+    ------
+    InputError
+        If xatlas gives positions that are not finite.
     """
     import xatlas
 
     center = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
+    # xatlas takes triangles below a fixed size for degenerate: the typical edge becomes 1.
+    unit = float(np.median(np.linalg.norm(edges, axis=2)))
     made = xatlas.Atlas()
-    made.add_mesh(np.ascontiguousarray(vertices - center, np.float32), np.ascontiguousarray(faces, np.uint32))
+    made.add_mesh(np.ascontiguousarray((vertices - center) / unit, np.float32), np.ascontiguousarray(faces, np.uint32))
     options = xatlas.PackOptions()
     options.resolution, options.padding, options.bilinear = texels, padding, True
     made.generate(pack_options=options)
@@ -30,4 +40,6 @@ def atlas(vertices: Array, faces: Array, *, texels: int = 1024, padding: int = 4
     uv = np.asarray(uv, np.float64)
     # Rows and columns are scaled apart from each other; the texture is square.
     uv = uv * np.array([made.width, made.height]) / max(made.width, made.height)
+    if not np.isfinite(uv).all():
+        raise InputError("xatlas found no charts for this mesh; check it for needles and for faces of very different size")
     return uv, np.asarray(corners).astype(np.int32), np.asarray(vertex).astype(np.int32)

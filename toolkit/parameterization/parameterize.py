@@ -43,7 +43,8 @@ _STRICTNESS = (1.0, 30.0, 1000.0)
 # It begins at this many thresholds, so that with a finite weight the threshold itself is met.
 _SHAPE_FROM = 1.1
 
-# A hole's border shorter than this share of the square root of the surface's area is bridged rather than joined by a seam.
+# A hole is bridged rather than joined by a seam if its border is shorter than this share of the longest border, and of the root
+# of the surface's area.
 _SMALL_HOLE = 0.5
 
 # Share of the weight of a surface triangle of the same area that a bridge over a hole has.
@@ -288,7 +289,7 @@ def _bridged(mesh: Surface, kind: Kind, notes: list[str]) -> _Bridged:
     points, fans = [mesh.vertices], [mesh.faces]
     loops = kind.loops[:1]
     for loop in kind.loops[1:]:
-        if not _is_small(mesh, loop):
+        if not _is_small(mesh, loop, kind.loops[0]):
             loops.append(loop)
             continue
         hub = sum(len(p) for p in points)
@@ -311,9 +312,13 @@ def _first_seam(bridged: _Bridged, graph: csr_array, notes: list[str]) -> Array:
     return seam
 
 
-def _is_small(mesh: Surface, loop: Array) -> bool:
-    length = np.linalg.norm(mesh.vertices[loop] - mesh.vertices[np.roll(loop, -1)], axis=1).sum()
-    return bool(length < _SMALL_HOLE * np.sqrt(doubled_areas(mesh.vertices, mesh.faces).sum() / 2))
+def _is_small(mesh: Surface, loop: Array, longest: Array) -> bool:
+    size = np.sqrt(doubled_areas(mesh.vertices, mesh.faces).sum() / 2)
+    return bool(_length(mesh, loop) < _SMALL_HOLE * min(size, _length(mesh, longest)))
+
+
+def _length(mesh: Surface, loop: Array) -> float:
+    return float(np.linalg.norm(mesh.vertices[loop] - mesh.vertices[np.roll(loop, -1)], axis=1).sum())
 
 
 def _one_chart(
@@ -323,7 +328,9 @@ def _one_chart(
     mesh = options.mesh
     faces, origin = cut_open(bridged.faces, len(bridged.vertices), seam)
     vertices = bridged.vertices[origin]
-    chart = Chart(vertices, faces, _outer_loop(faces))
+    # Units and survey coordinates are left behind: what follows is of size 1.
+    size = float(np.sqrt(doubled_areas(bridged.vertices, bridged.faces).sum()))
+    chart = Chart((vertices - vertices.mean(axis=0)) / size, faces, _outer_loop(faces))
     weight = np.concatenate([options.importance, np.full(len(faces) - len(mesh.faces), _BRIDGE)])
     uv = _laid_flat(options, chart, weight, device, progress)
     own = faces[: len(mesh.faces)]
@@ -352,7 +359,11 @@ def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, prog
     if options.energy == "mean-value":
         return embedded(chart, fixed)[0]
     if options.energy == "intrinsic":
-        return embed(intrinsic_weights(chart, options.conformal), chart, convex_border(chart, fixed))
+        uv = embed(intrinsic_weights(chart, options.conformal), chart, convex_border(chart, fixed))
+        flat = int((doubled_texture_areas(uv, chart.faces) == 0).sum())
+        if flat or not np.isfinite(uv).all():
+            raise InputError(f"{flat} triangles would be flat on a {fixed}; use boundary='circle', or another energy")
+        return uv
     area = _safe_areas(chart)
     share = area / area.sum()
     weight = weight * share

@@ -58,18 +58,22 @@ def kind_of(mesh: Surface) -> Kind:
     if len(unused):
         raise InputError(
             f"{len(unused)} vertices belong to no face, the first is vertex {unused[0]}; leave them out "
-            "(mesh.part(used_vertices) or read_surface(path, repair=True))"
+            "(--repair, or surface.part with the vertices that faces use)"
         )
     corner = vertices[faces]
     longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
-    flat = np.flatnonzero(~(doubled_areas(vertices, faces) > _FLAT * longest))
+    scale = float(np.sqrt(longest.max())) or 1.0
+    flat = np.flatnonzero(~(doubled_areas(vertices / scale, faces) > _FLAT * longest / scale**2))
     if len(flat):
         raise InputError(
             f"{len(flat)} triangles have no area, the first is face {flat[0]}; remove them, or flip or collapse an edge of each"
         )
     keys = edge_keys(directed_edges(faces), len(vertices))
     if len(np.unique(keys)) < len(keys):
-        raise InputError("an edge has two faces on one side: turn or remove faces (read_surface(path, repair=True) does)")
+        raise InputError(
+            "an edge has two faces on one side: turn or remove faces (--repair, or read_surface(path, repair=True)); "
+            "a one-sided band must be cut"
+        )
     topology = Topology.of(faces, len(vertices))
     fans = np.diff(topology.offsets) - np.diff(topology.face_offsets)
     if (fans > 1).any():

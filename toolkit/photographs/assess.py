@@ -112,6 +112,12 @@ def compare_with_photograph(
     InputError
         If the camera distorts, or sees no known texel.
     """
+    shape = np.shape(image)
+    if len(shape) != 3 or shape[2] != 3 or np.shape(known) != shape[:2] or not np.isfinite(image).all():
+        raise InputError(f"image must be finite (H, W, 3) and known (H, W), not {shape} and {np.shape(known)}")
+    for name, value in (("reduce", reduce), ("samples", samples)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 1 <= value <= 4096:
+            raise InputError(f"{name} must be a whole number from 1 to 4096, not {value!r}")
     camera = photograph.camera
     if camera.distortion.any():
         raise InputError(f"{photograph.name}: its camera has radial distortion, which the renderer has not; undistort it")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.kernels.texels import Picture, SurfaceViews
-from intaglio.photographs.camera import Photograph
+from intaglio.photographs.camera import Camera, Photograph
 from intaglio.render.compare import decode_srgb, encode_srgb
 from intaglio.surface import Surface, vertex_normals
 from intaglio.topology import unique_edges, used_vertices
@@ -118,8 +118,11 @@ def bind_photographs(
     Yamauchi et al., Textures revisited (2005), section 4.1.
     """
     photographs = checked_photographs(photographs)
-    if not isinstance(grazing, int | float) or not 0 < grazing <= 90:
-        raise InputError(f"grazing must be from 0 to 90 degrees, not {grazing!r}")
+    for name, value, most in (("grazing", grazing, 90), ("background_threshold", background_threshold, 2)):
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < value <= most:
+            raise InputError(f"{name} must be a number above 0, up to {most}, not {value!r}")
+    if not isinstance(mesh, Surface):
+        raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
     chosen = device_or_error(device)
     if len(mesh.faces) == 0:
         raise InputError("the mesh has no faces; photographs can't be bound to points alone")
@@ -162,7 +165,7 @@ def bind_photographs(
                     notes.append(f"{photograph.name}: {int(on_it.sum())} vertices fall on the background's colour")
         if not found.any():
             warnings.warn(
-                f"{photograph.name}: shows nothing of the mesh (does its camera look away?); it is left out",
+                f"{photograph.name}: shows nothing of the mesh (does its camera look away? is all background?); it is left out",
                 IntaglioWarning,
                 stacklevel=2,
             )
@@ -176,7 +179,8 @@ def bind_photographs(
             progress(i + 1, len(photographs))
     if not valid.any():
         raise InputError(
-            f"none of the {len(photographs)} photographs shows any of the mesh: are cameras and mesh in the same coordinates?"
+            f"none of the {len(photographs)} photographs shows any of the mesh: are cameras and mesh in the same coordinates? "
+            "If they are, everything seen counted as background (background=None, --background none compares nothing)"
         )
     return Binding(valid, cosine, pixel, color, tuple(p.name for p in photographs), tuple(notes))
 
@@ -185,12 +189,21 @@ def checked_photographs(photographs: Any) -> list[Photograph]:
     """Return a list of at least one photograph, or raise `InputError`."""
     if isinstance(photographs, Photograph):
         photographs = [photographs]
-    found = list(photographs)
+    try:
+        found = list(photographs)
+    except TypeError:
+        raise InputError(f"photographs must be a sequence of them, not {type(photographs).__name__}") from None
     if not found:
         raise InputError("there are no photographs")
     for one in found:
         if not isinstance(one, Photograph):
             raise InputError(f"photographs must be Photograph objects (read_photographs gives them), not {type(one).__name__}")
+        if not isinstance(one.camera, Camera):
+            raise InputError(f"{one.name}: its camera must be a Camera, not {type(one.camera).__name__}")
+    names = [one.name for one in found]
+    if len(set(names)) < len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise InputError(f"several photographs are named {twice!r}; give each its own name")
     return found
 
 

@@ -54,9 +54,20 @@ class Camera:
                 raise InputError(f"{name} is no array of numbers ({problem})") from problem
             if name == "t" and value.size == 3:
                 value = value.reshape(3)
-            if value.shape != shape or not np.isfinite(value).all():
-                raise InputError(f"{name} must be {' x '.join(map(str, shape))} finite numbers, not of shape {value.shape}")
+            if value.shape != shape:
+                raise InputError(f"{name} must be {' x '.join(map(str, shape))} numbers, not of shape {value.shape}")
+            if not np.isfinite(value).all():
+                raise InputError(f"{name} has entries that are not finite")
             object.__setattr__(self, name, value)
+        if self.size is not None:
+            try:
+                width, height = self.size
+                put_size = (int(width), int(height))
+            except (TypeError, ValueError):
+                put_size = (0, 0)
+            if min(put_size) < 1 or put_size != tuple(self.size):
+                raise InputError(f"size must be width and height in whole pixels, not {self.size!r}")
+            object.__setattr__(self, "size", put_size)
         k = self.K / self.K[2, 2] if self.K[2, 2] else self.K
         if not (k[0, 0] > 0 and k[1, 1] > 0 and np.abs(k[[1, 2, 2], [0, 0, 1]]).max() < 1e-6 * k[0, 0] and k[2, 2] == 1):
             raise InputError("K must be upper triangular with positive focal lengths and 1 in the last place")

@@ -60,7 +60,17 @@ def read_photographs(path: str | os.PathLike[str], *, images: str | os.PathLike[
             found.append(Photograph(camera=camera(folders), picture=_picture(name, folders, path), name=name))
     except (FileError, InputError):
         raise
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError, UnicodeDecodeError, RecursionError) as problem:
+    except (
+        KeyError,
+        ValueError,
+        TypeError,
+        IndexError,
+        AttributeError,
+        UnicodeDecodeError,
+        RecursionError,
+        OverflowError,
+        OSError,
+    ) as problem:
         raise FileError(f"{path}: is no readable camera file ({type(problem).__name__}: {problem})") from problem
     if not found:
         raise InputError(f"{path}: holds no view")
@@ -109,7 +119,7 @@ def _made(name: str, path: Path, values: dict[str, Any], _: list[Path]) -> Camer
 
 def _json_views(path: Path) -> Iterator[_View]:
     try:
-        data = json.loads(path.read_text("utf-8"))
+        data = json.loads(path.read_text("utf-8-sig"), object_pairs_hook=_without_repeats)
     except json.JSONDecodeError as problem:
         raise FileError(f"{path}: is no JSON ({problem})") from problem
     if isinstance(data, dict) and isinstance(data.get("views"), list | dict):
@@ -121,8 +131,13 @@ def _json_views(path: Path) -> Iterator[_View]:
     else:
         raise FileError(f"{path}: holds neither a list nor an object of views")
     for name, view in views:
-        if not view.get("present", True):
+        present = view.get("present", True)
+        if not isinstance(present, bool):
+            raise InputError(f"{path}: view {name}: present must be true or false, not {present!r}")
+        if not present:
             continue
+        if ("width" in view) != ("height" in view):
+            raise InputError(f"{path}: view {name} has only one of width and height")
         missing = [key for key in ("K", "R") if key not in view]
         if missing or not ({"t", "C"} & view.keys()):
             raise InputError(f"{path}: view {name} lacks {', '.join(missing) or 't (or C)'}")
@@ -135,10 +150,26 @@ def _json_views(path: Path) -> Iterator[_View]:
         yield name, partial(_made, name, path, values)
 
 
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise InputError(f"a name is given twice: {next(n for n in names if names.count(n) > 1)!r}")
+    return found
+
+
 def _rows(path: Path) -> list[list[str]]:
     """Return the words of each line that is no comment."""
     lines = path.read_text("utf-8").splitlines()
     return [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _turn(w: float, x: float, y: float, z: float) -> Array:
@@ -183,6 +214,10 @@ def _colmap_views(path: Path) -> Iterator[_View]:
     # Two lines a view, the second, with points, possibly empty.
     text = check_readable(path.parent / "images.txt").read_text("utf-8")
     lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
+    for line in lines[1::2]:
+        words = line.split()
+        if len(words) == 10 and not _is_number(words[9]):
+            raise InputError(f"{path}: view {words[9]} follows a view without its line of points; COLMAP writes one, if empty")
     while lines and not lines[0].strip():
         del lines[0]
     for line in lines[::2]:
@@ -225,10 +260,23 @@ def _nvm_views(path: Path) -> Iterator[_View]:
     rows = _rows(path)
     if not rows[0][0].startswith("NVM_V3"):
         raise FileError(f"{path}: is no NVM_V3 file")
+    # One calibration for all: fx cx fy cy, then a distortion.
+    fixed = None
+    if len(rows[0]) >= 6 and rows[0][1] == "FixedK":
+        fx, cx, fy, cy = (float(v) for v in rows[0][2:6])
+        if any(float(v) for v in rows[0][6:]):
+            raise InputError(f"{path}: has VisualSFM's radial distortion; export undistorted images")
+        fixed = [[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]]
     count = int(rows[1][0])
+    if len(rows) < 2 + count:
+        raise InputError(f"{path}: promises {count} views, holds {len(rows) - 2}")
     for row in rows[2 : 2 + count]:
         name, numbers = " ".join(row[:-10]), [float(v) for v in row[-10:]]
         turn = _turn(*numbers[1:5])
+        if fixed is not None:
+            values = {"K": fixed, "R": turn, "t": -turn @ np.array(numbers[5:8])}
+            yield name, partial(_made, name, path, values)
+            continue
         if numbers[8] != 0:
             raise InputError(f"{path}: view {name} has VisualSFM's radial distortion; export undistorted images")
         values = {"R": turn, "t": -turn @ np.array(numbers[5:8])}

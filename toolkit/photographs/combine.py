@@ -93,6 +93,10 @@ def combine_photographs(
     for name, value, choices in (("select", select, ("best", "average")), ("blend", blend, ("spline", "none"))):
         if value not in choices:
             raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+    if not isinstance(mesh, Surface):
+        raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+    if binding is not None and not isinstance(binding, Binding):
+        raise InputError(f"binding must come from bind_photographs, it is a {type(binding).__name__}")
     chosen = device_or_error(device)
     height, width = _checked_size(size)
     positions, corners = texture_corners(mesh, uv)
@@ -200,6 +204,8 @@ class _Coverage:
 
 def _checked_size(size: int | tuple[int, int]) -> tuple[int, int]:
     both = (size, size) if isinstance(size, int | np.integer) and not isinstance(size, bool) else size
+    if isinstance(both, str):
+        raise InputError(f"size must be a number of texels or (rows, columns), not {size!r}")
     try:
         height, width = (int(n) for n in both)  # type: ignore[union-attr]
     except (TypeError, ValueError):

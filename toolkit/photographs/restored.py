@@ -54,10 +54,14 @@ def restore_texture(
     # Charts without a known texel can't be restored from themselves; their interpolated colours stay.
     charts = np.unique(texture.chart[texture.known])
     usable = np.where(np.isin(texture.chart, charts), texture.chart, 0)
-    shown = encode_srgb(texture.image)
+    if {"inside", "missing"} & options.keys():
+        raise InputError("inside and missing follow from the texture; leave them out")
+    # Brighter than white is brought below it meanwhile.
+    peak = max(1.0, float(texture.image[texture.inside].max()))
+    shown = encode_srgb(texture.image / peak)
     found = restore_in_detail(shown, missing, method, inside=usable, device=device, progress=progress, **options)
     filled = found.missing
-    image = np.where(filled[:, :, None], decode_srgb(found.image), texture.image).astype(np.float32)
+    image = np.where(filled[:, :, None], decode_srgb(found.image) * peak, texture.image).astype(np.float32)
     share = 100 * missing.sum() / max(int(texture.inside.sum()), 1)
     notes = (*texture.notes, f"{share:.1f} % of the surface's texels restored", *found.notes)
     return replace(texture, image=continued(image, texture.inside, device_or_error(device)), notes=notes)

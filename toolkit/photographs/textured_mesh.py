@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.errors import FileError, InputError
-from intaglio.files import whole_file
+from intaglio.files import check_writable, whole_file
 from intaglio.mesh_writing import check_single_precision
 from intaglio.parameterization import Parameterization
 from intaglio.photographs.texture import Texture
@@ -58,14 +58,18 @@ def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path
     kind = path.suffix.lower()
     if kind not in TEXTURED_SUFFIXES:
         raise FileError(f"{path}: a textured mesh can be written as {', '.join(TEXTURED_SUFFIXES)}, not {kind!r}")
+    if not isinstance(laid, Parameterization):
+        raise InputError(f"the parameterization must come from parameterize, it is a {type(laid).__name__}")
     if len(laid.faces) != len(mesh.faces) or int(laid.vertex.max()) >= len(mesh.vertices):
         raise InputError("the parameterization belongs to another mesh: its faces or vertices are not this one's")
     if kind != ".obj":
         check_single_precision(mesh, path)
+    written = files_of(path)
+    for file in written:
+        check_writable(file)
     color = np.round(encode_srgb(texture.image) * 255).astype(np.uint8)
     known = np.where(texture.known, 255, 254).astype(np.uint8)
     vertices = mesh.vertices[laid.vertex]
-    written = files_of(path)
     if kind == ".obj":
         _write_obj(vertices, laid, np.dstack([color, known]), *written[:3])
     else:

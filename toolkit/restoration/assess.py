@@ -77,6 +77,8 @@ def assess_restoration(image: Array, missing: Array, truth: Array | None = None)
         raise InputError(f"missing must be bool of shape {values.shape[:2]}, not {hole.dtype} {hole.shape}")
     if not hole.any() or hole.all():
         raise InputError("missing must cover part of the image, not none or all of it")
+    if not np.isfinite(values).all():
+        raise InputError("the image has values that are not finite")
     energy, seam = _figures(values, hole)
     if truth is None:
         return RestorationReport(energy, seam)
@@ -90,6 +92,8 @@ def assess_restoration(image: Array, missing: Array, truth: Array | None = None)
 def _planes(image: Array) -> Array:
     """Return (H, W, C) in [0, 1] of integers, floats as they are."""
     array = np.asarray(image)
+    if array.dtype.kind not in "fiu" or array.ndim not in (2, 3):
+        raise InputError(f"an image is (H, W) or (H, W, C) of real numbers, not {array.dtype} {array.shape}")
     scale = np.iinfo(array.dtype).max if array.dtype.kind in "iu" else 1
     values = array.astype(np.float64) / scale
     return values[:, :, None] if values.ndim == 2 else values

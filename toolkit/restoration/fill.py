@@ -93,7 +93,7 @@ def fill(
     rotations: bool,
     progress: Progress | None = None,
 ) -> tuple[Array, Array]:
-    """Return the place (H, W, 2) that every pixel of a band copies, itself where known, and the orientation it is seen in, (H, W).
+    """Return the place (H, W, 2) that every pixel of a band copies, itself where known, and how it is turned, (H, W).
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def _pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Le
     found: list[_Level] = []
     values, known, chart = high.astype(np.float32), ~missing & (chart > 0), chart.astype(np.int32)
     for number in range(levels):
-        if number and not _whole(known, chart).any():
+        if number and not whole_neighbourhoods(known, chart).any():
             break
         found.append(_Level(values, known, chart))
         # A coarse pixel is known if no missing pixel has any weight in it (the paper's quantised mask pyramid).
@@ -155,7 +155,7 @@ def _smoothed(plane: Array) -> Array:
     return smooth
 
 
-def _whole(known: Array, chart: Array) -> Array:
+def whole_neighbourhoods(known: Array, chart: Array) -> Array:
     """Return pixels whose 5 x 5 surroundings are known and of one chart."""
     same = ndimage.minimum_filter(chart, 5, mode="constant") == ndimage.maximum_filter(chart, 5, mode="constant")
     return np.asarray(ndimage.minimum_filter(known, 5, mode="constant", cval=0) & same)
@@ -183,7 +183,7 @@ def _fill_level(
     open_now = ~level.known & (level.chart > 0)
     if not open_now.any():
         return done
-    whole = _whole(level.known, level.chart)
+    whole = whole_neighbourhoods(level.known, level.chart)
     if not whole.any():
         raise InputError("no 5 x 5 neighbourhood of known pixels is left to copy from; the mask covers nearly everything")
     table = _Table(pyramid, number, np.argwhere(whole), rotations)

@@ -12,7 +12,7 @@ from scipy import ndimage
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.pull_push import continued
-from intaglio.restoration.fill import fill
+from intaglio.restoration.fill import fill, whole_neighbourhoods
 from intaglio.restoration.frequency import MOST_SUBBANDS, chosen_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
 from intaglio.restoration.poisson import corrected
@@ -44,7 +44,7 @@ class Restoration:
         What was filled.
     source : (H, W, 2) int32 array
         Row and column of the pixel whose detail each pixel carries: itself where known. All themselves for inpainting alone.
-    low : (H, W) or (H, W, C) float32 array
+    low : (H, W) or (H, W, C) float64 array
         The low band, with its missing part inpainted; zero for synthesis alone.
     kappa : int
         Number of subbands in it.
@@ -173,24 +173,28 @@ def restore_in_detail(
         raise InputError(f"{int(bad.sum())} known pixels are not finite, the first in row {y}, column {x}; mark them missing")
     here = np.moveaxis(np.indices(shape), 0, 2).astype(np.int32)
     if not hole.any():
-        low = np.zeros(given.shape, np.float32)
-        return Restoration(given.copy(), hole, here, low, 0, ("nothing is missing",))
+        return Restoration(given.copy(), hole, here, np.zeros(given.shape), 0, ("nothing is missing",))
 
     # Brought to a range of 1, so that tolerances mean the same for all images.
     low_end, high_end = float(values[known].min()), float(values[known].max())
+    if not np.isfinite(high_end - low_end):
+        raise InputError(
+            f"the image's values reach from {low_end:.3g} to {high_end:.3g}, too far for the computation; scale them"
+        )
     span = high_end - low_end or 1.0
-    scaled = np.where(known[:, :, None], (np.where(known[:, :, None], values, 0) - low_end) / span, 0).astype(np.float32)
+    exact = np.where(known[:, :, None], values, low_end).astype(np.float64)
+    scaled = ((exact - low_end) / span).astype(np.float32)
     smooth = inpaint(scaled, hole, chart=chart, barriers=stops)
     notes: list[str] = []
-    source = here
-    if method == "inpaint":
-        result, low, bands = smooth, smooth, MOST_SUBBANDS
-    else:
+    if method != "inpaint" and not whole_neighbourhoods(known, chart).any():
+        notes.append("no 5 x 5 pixels are known together, there is nothing to synthesise from: inpainted")
+        method = "inpaint"
+    result, low, source, bands = smooth, smooth, here, MOST_SUBBANDS
+    if method != "inpaint":
         # Transforms see the whole rectangle: outside, the nearest colours go on.
         whole = continued(smooth, usable, chosen)
-        if method == "synthesize":
-            bands = 0
-        else:
+        bands = 0
+        if method == "split":
             bands = chosen_kappa(whole) if kappa is None else kappa
             notes.append(f"low band: {bands} subbands" + (", chosen by the high band's autocorrelation" if kappa is None else ""))
         low = low_band(whole, bands)
@@ -206,22 +210,22 @@ def restore_in_detail(
             rotations=rotations,
             progress=progress,
         )
-        source = np.where(source < 0, here, source)
-        before, source = source, _refined(high, known, source, hole, refine, notes)
+        grown = np.where(source < 0, here, source)
+        source = _refined(high, known, grown, hole, refine, notes)
         # Optimisation compares and copies windows as they are.
-        turn = np.where((source == before).all(axis=2), turn, 0)
+        turn = np.where((source == grown).all(axis=2), turn, 0)
         detail = high[source[:, :, 0], source[:, :, 1]]
         if seams or (seams is None and method == "split"):
             detail = corrected(detail, high, source, turn, hole, chart)
         result = low + _contrast_of_surroundings(detail, hole, known)
-    filled = _as_given(result * span + low_end, given, low_end, high_end)
+    filled = _as_given(result.astype(np.float64) * span + low_end, given, low_end, high_end)
     image_out = given.copy().reshape(values.shape)
     image_out[hole] = filled[hole]
     return Restoration(
         image=image_out.reshape(given.shape),
         missing=hole,
         source=source,
-        low=(low * span + (low_end if bands else 0)).astype(np.float32).reshape(given.shape),
+        low=(low.astype(np.float64) * span + (low_end if bands else 0)).reshape(given.shape),
         kappa=bands,
         notes=tuple(notes),
     )
@@ -288,6 +292,8 @@ def _checked_image(image: Array) -> Array:
         raise InputError(f"image is no array of numbers ({problem})") from problem
     if array.dtype.kind not in "fiu":
         raise InputError(f"image must hold real numbers, not {array.dtype}")
+    if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and array.size and np.abs(array.astype(np.float64)).max() > 2**53:
+        raise InputError("image holds integers beyond 2^53, which can't be told apart in the computation; scale them")
     if array.ndim not in (2, 3) or array.size == 0 or (array.ndim == 3 and array.shape[2] > 16):
         raise InputError(f"image must be (H, W) or (H, W, C) with at most 16 channels, not {array.shape}")
     return array
@@ -297,18 +303,22 @@ def _checked_charts(inside: Array | None, shape: tuple[int, ...]) -> Array:
     """Return the number of each pixel's chart, (H, W) int32."""
     if inside is None:
         return np.ones(shape, np.int32)
-    array = np.asarray(inside)
+    try:
+        array = np.asarray(inside)
+    except ValueError as problem:
+        raise InputError(f"inside is no array ({problem})") from problem
     if array.shape != tuple(shape) or array.dtype.kind not in "bui":
         raise InputError(f"inside must be bool or integers of shape {tuple(shape)}, not {array.dtype} {array.shape}")
     if array.dtype.kind == "i" and array.size and array.min() < 0:
         raise InputError("inside must hold chart numbers from 1, and 0 outside; it has negative ones")
-    return array.astype(np.int32)
+    labels, number = np.unique(array, return_inverse=True)
+    # Numbered anew: labels may be of any size.
+    return number.reshape(array.shape).astype(np.int32) + (0 if labels[0] == 0 else 1)
 
 
 def _as_given(values: Array, given: Array, low: float, high: float) -> Array:
     """Return values of the given image's type; integers are rounded and held to their range."""
     if given.dtype.kind in "iu":
-        limits = np.iinfo(given.dtype)
-        return np.clip(np.rint(values), limits.min, limits.max).astype(given.dtype)
+        return np.clip(np.rint(values), low, high).astype(given.dtype)
     # A sum of two bands can leave the known range a little; light below zero, or far above, would be no colour.
     return np.clip(values, low, high).astype(given.dtype)
