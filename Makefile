@@ -41,6 +41,7 @@ bench: install
 	@$(BIN)/python -m tests.benchmarks.relief
 	@$(BIN)/python -m tests.benchmarks.photometric
 	@$(BIN)/python -m tests.benchmarks.synthesis
+	@$(BIN)/python -m tests.benchmarks.photographs
 
 docs: install
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
