@@ -39,7 +39,7 @@ SETS = {
         1,
     ),
 }
-TEXELS = 2048
+TEXELS = 1024
 
 # Ours, the paper's weighting with the same blending, and what is compared with.
 METHODS = {

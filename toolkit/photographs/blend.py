@@ -21,6 +21,8 @@ _BROAD = 3
 class ChartBlend:
     """The spline for each chart by itself: what lies beside a chart in the texture need not do so on the surface.
 
+    Many small charts are blended together, over so few levels that they hardly reach each other.
+
     Parameters
     ----------
     chart : (H, W) int array
@@ -30,13 +32,21 @@ class ChartBlend:
 
     def __init__(self, chart: Array, device: str) -> None:
         self._chart = chart
-        frames = ndimage.find_objects(chart)
-        self._parts = [(n + 1, frame, SplineBlend(_shape(frame), device)) for n, frame in enumerate(frames) if frame is not None]
+        frames = [(n + 1, f) for n, f in enumerate(ndimage.find_objects(chart)) if f is not None]
+        small = [n for n, f in frames if max(_shape(f)) < _SMALL]
+        together = np.isin(chart, small) if len(small) > _FEW else np.zeros(chart.shape, bool)
+        self._parts = [
+            (f, chart[f] == n, SplineBlend(_shape(f), device))
+            for n, f in frames
+            if len(small) <= _FEW or max(_shape(f)) >= _SMALL
+        ]
+        if together.any():
+            everything = (slice(0, chart.shape[0]), slice(0, chart.shape[1]))
+            self._parts.append((everything, together, SplineBlend(chart.shape, device, _SMALL_LEVELS)))
 
     def add(self, color: Array, defined: Array, mask: Array, broad: Array | None = None) -> None:
         """Add a layer to every chart on which it has any weight; see `SplineBlend.add`."""
-        for number, frame, spline in self._parts:
-            own = self._chart[frame] == number
+        for frame, own, spline in self._parts:
             here = defined[frame] & own
             wide = None if broad is None else broad[frame] * own
             narrow = mask[frame] * own
@@ -46,14 +56,17 @@ class ChartBlend:
     def result(self) -> Array:
         """Return the blend, (H, W, 3); zero where no layer had any weight, and outside."""
         image = np.zeros((*self._chart.shape, 3), np.float32)
-        for number, frame, spline in self._parts:
-            own = self._chart[frame] == number
+        for frame, own, spline in self._parts:
             image[frame][own] = spline.result()[own]
         return image
 
 
 def _shape(frame: tuple[slice, ...]) -> tuple[int, int]:
     return frame[0].stop - frame[0].start, frame[1].stop - frame[1].start
+
+
+# Charts with no longer side than this, in texels, are small; more than a few of them are blended together, with so many levels.
+_SMALL, _FEW, _SMALL_LEVELS = 96, 16, 3
 
 
 class SplineBlend:
@@ -66,12 +79,14 @@ class SplineBlend:
     shape : (int, int)
         Rows and columns.
     device : str
+    most : int, optional
+        Levels, at most.
     """
 
-    def __init__(self, shape: tuple[int, int], device: str) -> None:
+    def __init__(self, shape: tuple[int, int], device: str, most: int | None = None) -> None:
         self._device = device
         self._shapes = [shape]
-        while min(self._shapes[-1]) >= 2 * _LEAST_SIDE:
+        while min(self._shapes[-1]) >= 2 * _LEAST_SIDE and (most is None or len(self._shapes) < most):
             height, width = self._shapes[-1]
             self._shapes.append(((height + 1) // 2, (width + 1) // 2))
         self._sums = [wp.zeros(s, dtype=wp.vec4, device=device) for s in self._shapes]

@@ -11,7 +11,7 @@ Array = np.ndarray
 # Up to so many unknowns are solved directly; more by conjugate gradients from a start that is close.
 DIRECT = 60_000
 
-_RESIDUAL, _ITERATIONS = 1e-6, 2000
+_RESIDUAL, _ITERATIONS = 1e-5, 1000
 
 
 def solved(system: csr_array, right: Array, start: Array) -> Array:
