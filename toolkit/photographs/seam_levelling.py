@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse import coo_array, csr_array, diags_array
 
+from intaglio.sparse import solved
 from intaglio.surface import Surface
 from intaglio.topology import directed_edges, edge_keys, unique_edges
 
@@ -64,7 +64,7 @@ def level_seams(
     wanted = np.zeros((count, 3))
     np.add.at(wanted, left, _AGREE * step)
     np.add.at(wanted, right, -_AGREE * step)
-    correction = splu(csc_array(system), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0).solve(wanted).astype(np.float32)
+    correction = solved(csr_array(system), wanted, np.zeros_like(wanted)).astype(np.float32)
     at = np.flatnonzero(face >= 0)
     corner = corners[face.reshape(-1)[at]]
     w = weight.reshape(-1, 2)[at]

@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
-from intaglio.restoration.solve import DIRECT, solved
+from intaglio.sparse import DIRECT, solved
 
 Array = np.ndarray
 

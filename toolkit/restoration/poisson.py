@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from intaglio.restoration.fill import ORIENTATIONS
-from intaglio.restoration.solve import solved
+from intaglio.sparse import solved
 
 Array = np.ndarray
 

@@ -1,4 +1,4 @@
-"""Solving the sparse, symmetric systems of diffusion and seam correction."""
+"""Solving sparse, symmetric, diagonally dominant systems: diffusion, seam correction and levelling."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 Array = np.ndarray
 
 # Up to so many unknowns are solved directly; more by conjugate gradients from a start that is close.
-DIRECT = 60_000
+DIRECT = 40_000
 
 _RESIDUAL, _ITERATIONS = 1e-5, 1000
 
@@ -17,7 +17,9 @@ _RESIDUAL, _ITERATIONS = 1e-5, 1000
 def solved(system: csr_array, right: Array, start: Array) -> Array:
     """Return the solution (M, C) of a symmetric, diagonally dominant system for right sides (M, C)."""
     if system.shape[0] <= DIRECT:
-        return np.asarray(splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(right))
+        return np.asarray(
+            splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).solve(right)
+        )
     diagonal = system.diagonal()
     scale = LinearOperator(system.shape, lambda v: v / diagonal)
     columns = [
