@@ -17,7 +17,7 @@ from intaglio.files import check_readable, check_writable
 from intaglio.images import READABLE_SUFFIXES, read_samples, write_samples
 from intaglio.mesh_reading import read_surface
 from intaglio.parameterization import parameterize
-from intaglio.parameterization.parameterize import BOUNDARIES, ENERGIES
+from intaglio.parameterization.options import BOUNDARIES, ENERGIES
 from intaglio.photographs import (
     Photograph,
     bind_photographs,

@@ -19,20 +19,18 @@ from intaglio.parameterization.charts import (
     doubled_texture_areas,
     flat_edges,
     inverses,
-    squared_stretches,
 )
 from intaglio.parameterization.embedding import convex_border, embed, embedded, intrinsic_weights, relaxed
 from intaglio.parameterization.minimise import minimised
+from intaglio.parameterization.options import Options
+from intaglio.parameterization.result import Parameterization, measured
 from intaglio.parameterization.seams import cut_open, edge_graph, joining_seam, longest_way, path_between
 from intaglio.parameterization.topology_check import Kind, kind_of
-from intaglio.surface import Surface, vertex_normals
-from intaglio.topology import adjacency, border_loops, pieces
+from intaglio.surface import Surface
+from intaglio.topology import adjacency, border_loops
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
-
-ENERGIES = ("stretch", "stretch-max", "mips", "intrinsic", "mean-value")
-BOUNDARIES = ("free", "circle", "square")
 
 # Powers by which the largest stretch is approached, from the mean square on.
 _POWERS = (4.0, 8.0, 16.0, 32.0)
@@ -61,55 +59,6 @@ _RINGS = 0.25
 MARGIN = 0.005
 
 _MOST_SEAMS = 12
-
-
-@dataclass(frozen=True)
-class Parameterization:
-    """A surface laid flat.
-
-    Attributes
-    ----------
-    uv : (N', 2) float64 array
-        Texture positions in [0, 1]^2, u to the right, v up; of each vertex where nothing was cut.
-    faces : (F, 3) int32 array
-        The mesh's faces, over ``uv``.
-    vertex : (N',) int32 array
-        The mesh's vertex of each position.
-    chart : (F,) int32 array
-        Number of the chart of each face.
-    l2_stretch, linf_stretch : float
-        Root mean square and largest stretch (Sander et al. 2001), times the root of texture area over surface area: 1 is the
-        optimum.
-    flips : int
-        Triangles turned over against the rest of their chart.
-    shape_ratio : (F,) float64 array
-        Height over longest side of each triangle in the texture.
-    face_stretch : (F,) float64 array
-        L2 stretch of each triangle, normalised likewise.
-    notes : tuple of str
-        What was done on the way.
-    """
-
-    uv: Array
-    faces: Array
-    vertex: Array
-    chart: Array
-    l2_stretch: float
-    linf_stretch: float
-    flips: int
-    shape_ratio: Array
-    face_stretch: Array
-    notes: tuple[str, ...] = ()
-
-    @property
-    def charts(self) -> int:
-        """Number of charts."""
-        return int(self.chart.max()) + 1
-
-    @property
-    def cut(self) -> bool:
-        """Whether vertices have several places in the texture."""
-        return len(self.vertex) > int(self.vertex.max()) + 1
 
 
 def parameterize(
@@ -185,13 +134,13 @@ def parameterize(
     >>> round(laid.l2_stretch, 6), laid.flips
     (1.0, 0)
     """
-    options = _Options(mesh, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
+    options = Options(mesh, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
     chosen = device_or_error(device)
     kind = kind_of(mesh)
     if kind.pieces > 1 or kind.genus > 0:
         uv, faces, vertex = atlas(mesh.vertices, mesh.faces)
         note = f"{kind.describe()}: no single chart can hold it; charts by xatlas, without energy, boundary and view"
-        found = _measured(mesh, uv, faces, vertex, (note,))
+        found = measured(mesh, uv, faces, vertex, (note,))
         return _noted(found, f"{found.charts} charts")
     notes: list[str] = []
     bridged = _bridged(mesh, kind, notes)
@@ -229,59 +178,6 @@ class _Bridged:
     vertices: Array
     faces: Array
     loops: list[Array]
-
-
-class _Options:
-    """Checked options, and what follows from them for each face of the mesh."""
-
-    def __init__(
-        self,
-        mesh: Surface,
-        energy: str,
-        boundary: str,
-        view: ArrayLike | None,
-        importance: float,
-        shape_threshold: float,
-        max_stretch: float | None,
-        conformal: float,
-        iterations: int,
-    ) -> None:
-        if not isinstance(mesh, Surface):
-            raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
-        for name, value, known in (("energy", energy, ENERGIES), ("boundary", boundary, BOUNDARIES)):
-            if value not in known:
-                raise InputError(f"{name} must be one of {', '.join(known)}, not {value!r}")
-        for name, number, low, high in (
-            ("importance", importance, 1.001, 1e6),
-            ("shape_threshold", shape_threshold, 0.0, 0.5),
-            ("conformal", conformal, 0.0, 1.0),
-            ("max_stretch", 1.01 if max_stretch is None else max_stretch, 1.01, 1e6),
-            ("iterations", iterations, 1, 1e6),
-        ):
-            if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not low <= number <= high:
-                raise InputError(f"{name} must be a number from {low:g} to {high:g}, not {number!r}")
-        self.mesh, self.energy, self.boundary = mesh, energy, boundary
-        self.shape_threshold, self.conformal, self.iterations = float(shape_threshold), float(conformal), int(iterations)
-        self.importance = np.ones(len(mesh.faces))
-        self.seam_cost: Array | None = None
-        if view is not None:
-            towards = _direction(view)
-            corner = mesh.vertices[mesh.faces]
-            normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-            normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-            self.importance = 1 / (importance - normal @ towards)
-            facing = vertex_normals(mesh.vertices, mesh.faces) @ towards
-            self.seam_cost = 1 + 4 * np.maximum(facing + 0.5, 0)
-
-
-def _direction(view: ArrayLike) -> Array:
-    try:
-        towards = np.asarray(view, np.float64).reshape(-1)
-    except (TypeError, ValueError):
-        towards = np.zeros(0)
-    if towards.shape != (3,) or not np.isfinite(towards).all() or not towards.any():
-        raise InputError(f"view must be three finite numbers, not all zero; it is {view!r}")
-    return towards / np.linalg.norm(towards)
 
 
 def _bridged(mesh: Surface, kind: Kind, notes: list[str]) -> _Bridged:
@@ -322,7 +218,7 @@ def _length(mesh: Surface, loop: Array) -> float:
 
 
 def _one_chart(
-    options: _Options, bridged: _Bridged, seam: Array, notes: tuple[str, ...], device: str, progress: Progress | None
+    options: Options, bridged: _Bridged, seam: Array, notes: tuple[str, ...], device: str, progress: Progress | None
 ) -> Parameterization:
     """Cut the mesh along ``seam``, lay it flat, and leave the bridges over holes out again."""
     mesh = options.mesh
@@ -340,7 +236,7 @@ def _one_chart(
     uv, origin = uv[used], origin[used]
     if options.boundary == "free" and options.energy not in ("intrinsic", "mean-value"):
         uv = _squared_up(uv)
-    return _measured(mesh, uv, own, origin, notes)
+    return measured(mesh, uv, own, origin, notes)
 
 
 def _outer_loop(faces: Array) -> Array:
@@ -353,7 +249,7 @@ def _outer_loop(faces: Array) -> Array:
     return loops[0].astype(np.int64)
 
 
-def _laid_flat(options: _Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
+def _laid_flat(options: Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
     """Return texture positions (N, 2) of a disk."""
     fixed = "circle" if options.boundary == "free" else options.boundary
     if options.energy == "mean-value":
@@ -452,40 +348,6 @@ def _with_another_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: 
     mean = stretch / np.maximum(weight, 1e-300)
     mean[open_now] = 0
     return np.concatenate([seam, path_between(graph, int(np.argmax(mean)), open_now)])
-
-
-def _measured(mesh: Surface, uv: Array, faces: Array, vertex: Array, notes: tuple[str, ...]) -> Parameterization:
-    """Return the parameterization with its figures."""
-    _, piece = pieces(faces, len(uv))
-    _, chart = np.unique(piece[faces[:, 0]], return_inverse=True)
-    chart = chart.reshape(-1)
-    area = doubled_areas(mesh.vertices, mesh.faces)
-    signed = doubled_texture_areas(uv, faces)
-    charts = int(chart.max()) + 1
-    # Atlases mirror whole charts; a flip is a triangle turned against its own chart.
-    handed = np.where(np.bincount(chart, np.sign(signed), charts) < 0, -1.0, 1.0)
-    flips = int((signed * handed[chart] <= 0).sum())
-    rest = inverses(flat_edges(mesh.vertices, mesh.faces))
-    squared = squared_stretches(uv, faces, rest)
-    scale = float(np.abs(signed).sum() / area.sum())
-    a, b, c = (uv[faces[:, k]] for k in range(3))
-    jacobian = np.stack([b - a, c - a], axis=2) @ rest
-    norm = np.sum(jacobian**2, axis=(1, 2))
-    det = np.abs(signed) / area
-    least = np.sqrt(np.maximum((norm - np.sqrt(np.maximum(norm**2 - 4 * det**2, 0))) / 2, 1e-300))
-    longest = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    return Parameterization(
-        uv=uv,
-        faces=faces,
-        vertex=vertex,
-        chart=chart.astype(np.int32),
-        l2_stretch=float(np.sqrt((area * squared).sum() / area.sum() * scale)),
-        linf_stretch=float(np.sqrt(scale) / least.min()),
-        flips=flips,
-        shape_ratio=np.abs(signed) / np.maximum(longest, 1e-300),
-        face_stretch=np.sqrt(squared * scale),
-        notes=notes,
-    )
 
 
 def _noted(found: Parameterization, note: str) -> Parameterization:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas
-from intaglio.parameterization.parameterize import Parameterization
+from intaglio.parameterization.result import Parameterization
 from intaglio.render.compare import decode_srgb
 from intaglio.surface import Surface
 

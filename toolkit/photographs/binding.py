@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
-from intaglio.kernels.texels import Picture, SurfaceViews
+from intaglio.kernels.pictures import Picture
+from intaglio.kernels.surface_views import SurfaceViews
 from intaglio.photographs.camera import Camera, Photograph
 from intaglio.render.compare import decode_srgb, encode_srgb
 from intaglio.surface import Surface, vertex_normals

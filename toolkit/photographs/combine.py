@@ -9,7 +9,9 @@ import numpy as np
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.kernels.texels import Picture, SurfaceViews, rasterize
+from intaglio.kernels.pictures import Picture
+from intaglio.kernels.surface_views import SurfaceViews
+from intaglio.kernels.texels import rasterize
 from intaglio.parameterization import Parameterization
 from intaglio.photographs.binding import Binding, bind_photographs, checked_photographs
 from intaglio.photographs.blend import ChartBlend

@@ -1,0 +1,67 @@
+"""What a parameterization is asked for, checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from intaglio.errors import InputError
+from intaglio.surface import Surface, vertex_normals
+
+Array = np.ndarray
+
+ENERGIES = ("stretch", "stretch-max", "mips", "intrinsic", "mean-value")
+BOUNDARIES = ("free", "circle", "square")
+
+
+class Options:
+    """Checked options, and what follows from them for each face of the mesh."""
+
+    def __init__(
+        self,
+        mesh: Surface,
+        energy: str,
+        boundary: str,
+        view: ArrayLike | None,
+        importance: float,
+        shape_threshold: float,
+        max_stretch: float | None,
+        conformal: float,
+        iterations: int,
+    ) -> None:
+        if not isinstance(mesh, Surface):
+            raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+        for name, value, known in (("energy", energy, ENERGIES), ("boundary", boundary, BOUNDARIES)):
+            if value not in known:
+                raise InputError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+        for name, number, low, high in (
+            ("importance", importance, 1.001, 1e6),
+            ("shape_threshold", shape_threshold, 0.0, 0.5),
+            ("conformal", conformal, 0.0, 1.0),
+            ("max_stretch", 1.01 if max_stretch is None else max_stretch, 1.01, 1e6),
+            ("iterations", iterations, 1, 1e6),
+        ):
+            if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not low <= number <= high:
+                raise InputError(f"{name} must be a number from {low:g} to {high:g}, not {number!r}")
+        self.mesh, self.energy, self.boundary = mesh, energy, boundary
+        self.shape_threshold, self.conformal, self.iterations = float(shape_threshold), float(conformal), int(iterations)
+        self.importance = np.ones(len(mesh.faces))
+        self.seam_cost: Array | None = None
+        if view is not None:
+            towards = _direction(view)
+            corner = mesh.vertices[mesh.faces]
+            normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+            normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+            self.importance = 1 / (importance - normal @ towards)
+            facing = vertex_normals(mesh.vertices, mesh.faces) @ towards
+            self.seam_cost = 1 + 4 * np.maximum(facing + 0.5, 0)
+
+
+def _direction(view: ArrayLike) -> Array:
+    try:
+        towards = np.asarray(view, np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        towards = np.zeros(0)
+    if towards.shape != (3,) or not np.isfinite(towards).all() or not towards.any():
+        raise InputError(f"view must be three finite numbers, not all zero; it is {view!r}")
+    return towards / np.linalg.norm(towards)

@@ -1,0 +1,96 @@
+"""What a parameterization is, and its figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, inverses, squared_stretches
+from intaglio.surface import Surface
+from intaglio.topology import pieces
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Parameterization:
+    """A surface laid flat.
+
+    Attributes
+    ----------
+    uv : (N', 2) float64 array
+        Texture positions in [0, 1]^2, u to the right, v up; of each vertex where nothing was cut.
+    faces : (F, 3) int32 array
+        The mesh's faces, over ``uv``.
+    vertex : (N',) int32 array
+        The mesh's vertex of each position.
+    chart : (F,) int32 array
+        Number of the chart of each face.
+    l2_stretch, linf_stretch : float
+        Root mean square and largest stretch (Sander et al. 2001), times the root of texture area over surface area: 1 is the
+        optimum.
+    flips : int
+        Triangles turned over against the rest of their chart.
+    shape_ratio : (F,) float64 array
+        Height over longest side of each triangle in the texture.
+    face_stretch : (F,) float64 array
+        L2 stretch of each triangle, normalised likewise.
+    notes : tuple of str
+        What was done on the way.
+    """
+
+    uv: Array
+    faces: Array
+    vertex: Array
+    chart: Array
+    l2_stretch: float
+    linf_stretch: float
+    flips: int
+    shape_ratio: Array
+    face_stretch: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def charts(self) -> int:
+        """Number of charts."""
+        return int(self.chart.max()) + 1
+
+    @property
+    def cut(self) -> bool:
+        """Whether vertices have several places in the texture."""
+        return len(self.vertex) > int(self.vertex.max()) + 1
+
+
+def measured(mesh: Surface, uv: Array, faces: Array, vertex: Array, notes: tuple[str, ...]) -> Parameterization:
+    """Return the parameterization with its figures."""
+    _, piece = pieces(faces, len(uv))
+    _, chart = np.unique(piece[faces[:, 0]], return_inverse=True)
+    chart = chart.reshape(-1)
+    area = doubled_areas(mesh.vertices, mesh.faces)
+    signed = doubled_texture_areas(uv, faces)
+    charts = int(chart.max()) + 1
+    # Atlases mirror whole charts; a flip is a triangle turned against its own chart.
+    handed = np.where(np.bincount(chart, np.sign(signed), charts) < 0, -1.0, 1.0)
+    flips = int((signed * handed[chart] <= 0).sum())
+    rest = inverses(flat_edges(mesh.vertices, mesh.faces))
+    squared = squared_stretches(uv, faces, rest)
+    scale = float(np.abs(signed).sum() / area.sum())
+    a, b, c = (uv[faces[:, k]] for k in range(3))
+    jacobian = np.stack([b - a, c - a], axis=2) @ rest
+    norm = np.sum(jacobian**2, axis=(1, 2))
+    det = np.abs(signed) / area
+    least = np.sqrt(np.maximum((norm - np.sqrt(np.maximum(norm**2 - 4 * det**2, 0))) / 2, 1e-300))
+    longest = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    return Parameterization(
+        uv=uv,
+        faces=faces,
+        vertex=vertex,
+        chart=chart.astype(np.int32),
+        l2_stretch=float(np.sqrt((area * squared).sum() / area.sum() * scale)),
+        linf_stretch=float(np.sqrt(scale) / least.min()),
+        flips=flips,
+        shape_ratio=np.abs(signed) / np.maximum(longest, 1e-300),
+        face_stretch=np.sqrt(squared * scale),
+        notes=notes,
+    )
