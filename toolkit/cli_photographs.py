@@ -195,7 +195,9 @@ def texture(
         click.echo(f"  {line}")
         extra.append(line)
     if report is not None:
-        write_texture_report(report, surface, laid, made, title=f"{mesh.name} textured", view=view, extra=extra)
+        middle = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
+        front = np.mean([p.camera.center for p in photographs], axis=0) - middle if view is None else view
+        write_texture_report(report, surface, laid, made, title=f"{mesh.name} textured", view=front, extra=extra)
         click.echo(f"wrote {report}")
 
 

@@ -63,8 +63,9 @@ def combine_photographs(
     size : int or (int, int)
         Rows and columns of the texture.
     select : {"best", "average"}
-        Take each face from the photograph that shows it with most pixels, and mix only about the borders between them; or mix
-        all that see it, weighted by <N, V>, as the paper does: what is not registered to the pixel is blurred then.
+        Take each face's detail from the photograph that shows it with most pixels, mixed only about the borders between them, and
+        with the spline what is broader than some eight texels from all; or mix all that see it, weighted by <N, V>, as the paper
+        does: what is not registered to the pixel is blurred then.
     blend : {"spline", "none"}
         The multiresolution spline over masks shrunk by one ring of faces, which leaves no visible borders; or plain borders.
     exposure : bool
