@@ -21,6 +21,23 @@ def edge_keys(edges: Array, count: int) -> Array:
     return edges[:, 0].astype(np.int64) * count + edges[:, 1]
 
 
+def opposite_edges(faces: Array, count: int) -> Array:
+    """Return, for each directed edge in the order of `directed_edges`, the number of the one that runs back, or -1: (3F,)."""
+    edges = directed_edges(faces)
+    keys, back = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
+    sorter = np.argsort(keys, kind="stable")
+    at = np.searchsorted(keys, back, sorter=sorter)
+    if len(keys) == 0:
+        return at
+    hit = sorter[np.minimum(at, len(keys) - 1)]
+    return np.where(keys[hit] == back, hit, -1)
+
+
+def following(edges: Array) -> Array:
+    """Return the next directed edge about the face of each, by number as in `directed_edges`; also the next corner."""
+    return np.asarray(edges // 3 * 3 + (edges + 1) % 3)
+
+
 def unique_edges(faces: Array) -> Array:
     """Return each undirected edge once, (E, 2) with the smaller index first."""
     if len(faces) == 0:
@@ -103,12 +120,8 @@ class Topology:
         order = np.argsort(corner_vertex, kind="stable")
         face_offsets = np.zeros(count + 1, np.int32)
         np.cumsum(np.bincount(corner_vertex, minlength=count), out=face_offsets[1:])
-        edges = directed_edges(faces)
-        keys, opposite = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
-        sorter = np.argsort(keys, kind="stable")
-        at = np.searchsorted(keys, opposite, sorter=sorter)
-        hit = sorter[np.minimum(at, len(keys) - 1)] if len(keys) else at
-        across = np.where(keys[hit] == opposite, hit // 3, -1) if len(keys) else at
+        opposite = opposite_edges(faces, count)
+        across = np.where(opposite >= 0, opposite // 3, -1)
         return cls(
             graph.indptr.astype(np.int32),
             graph.indices.astype(np.int32),

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from intaglio.errors import InputError
 from intaglio.surface import Surface, vertex_normals
+from intaglio.synthesis.sample import checked_choice
 
 Array = np.ndarray
 
@@ -31,9 +32,8 @@ class Options:
     ) -> None:
         if not isinstance(mesh, Surface):
             raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
-        for name, value, known in (("energy", energy, ENERGIES), ("boundary", boundary, BOUNDARIES)):
-            if value not in known:
-                raise InputError(f"{name} must be one of {', '.join(known)}, not {value!r}")
+        checked_choice("energy", energy, ENERGIES)
+        checked_choice("boundary", boundary, BOUNDARIES)
         for name, number, low, high in (
             ("importance", importance, 1.001, 1e6),
             ("shape_threshold", shape_threshold, 0.0, 0.5),

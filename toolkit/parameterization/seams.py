@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from intaglio.topology import directed_edges, edge_keys, unique_edges
+from intaglio.topology import directed_edges, edge_keys, following, opposite_edges, unique_edges
 
 Array = np.ndarray
 
@@ -16,23 +16,16 @@ def cut_open(faces: Array, count: int, seam: Array) -> tuple[Array, Array]:
 
     Vertices keep their numbers; where a seam parts a vertex's fan of faces, the further parts are appended.
     """
-    edges = directed_edges(faces)
-    keys, opposite = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
+    partner = opposite_edges(faces, count)
+    whole = partner >= 0
     if len(seam):
         both = np.concatenate([edge_keys(seam, count), edge_keys(seam[:, ::-1], count)])
-        whole = ~np.isin(keys, both)
-    else:
-        whole = np.ones(len(keys), bool)
-    sorter = np.argsort(keys, kind="stable")
-    at = np.minimum(np.searchsorted(keys, opposite, sorter=sorter), len(keys) - 1)
-    partner = sorter[at]
-    joined = np.flatnonzero(whole & (keys[partner] == opposite))
+        whole &= ~np.isin(edge_keys(directed_edges(faces), count), both)
+    joined = np.flatnonzero(whole)
     partner = partner[joined]
-    # Edge e runs from corner e to the next corner of its face; its partner runs back.
-    following = joined // 3 * 3 + (joined + 1) % 3
-    back = partner // 3 * 3 + (partner + 1) % 3
-    pairs = (np.concatenate([joined, following]), np.concatenate([back, partner]))
-    graph = coo_array((np.ones(len(pairs[0]), bool), pairs), shape=(len(keys),) * 2)
+    # Edge e leaves from corner e; its partner runs back from the corner where it ends.
+    pairs = (np.concatenate([joined, following(joined)]), np.concatenate([following(partner), partner]))
+    graph = coo_array((np.ones(len(pairs[0]), bool), pairs), shape=(faces.size,) * 2)
     _, label = connected_components(graph, directed=False)
     vertex = faces.reshape(-1)
     fans, first = np.unique(label, return_index=True)

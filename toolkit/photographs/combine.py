@@ -23,6 +23,7 @@ from intaglio.photographs.texture import Texture
 from intaglio.photographs.vertex_colors import bound_colors, spread_colors
 from intaglio.pull_push import continued
 from intaglio.surface import Surface, vertex_normals
+from intaglio.synthesis.sample import checked_choice, checked_size
 from intaglio.topology import pieces
 
 Array = np.ndarray
@@ -93,9 +94,8 @@ def combine_photographs(
     mosaics (1983). Heckbert, Fundamentals of texture mapping and image warping (1989): footprints.
     """
     photographs = checked_photographs(photographs)
-    for name, value, choices in (("select", select, ("best", "average")), ("blend", blend, ("spline", "none"))):
-        if value not in choices:
-            raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+    checked_choice("select", select, ("best", "average"))
+    checked_choice("blend", blend, ("spline", "none"))
     if not isinstance(mesh, Surface):
         raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
     if binding is not None and not isinstance(binding, Binding):
@@ -206,13 +206,7 @@ class _Coverage:
 
 
 def _checked_size(size: int | tuple[int, int]) -> tuple[int, int]:
-    both = (size, size) if isinstance(size, int | np.integer) and not isinstance(size, bool) else size
-    if isinstance(both, str):
-        raise InputError(f"size must be a number of texels or (rows, columns), not {size!r}")
-    try:
-        height, width = (int(n) for n in both)  # type: ignore[union-attr]
-    except (TypeError, ValueError):
-        raise InputError(f"size must be a number of texels or (rows, columns), not {size!r}") from None
+    height, width = checked_size(size)
     if not (16 <= height <= _MOST_TEXELS and 16 <= width <= _MOST_TEXELS):
         raise InputError(f"size must be from 16 to {_MOST_TEXELS} texels a side, not {height} x {width}")
     return height, width

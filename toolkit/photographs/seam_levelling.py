@@ -8,7 +8,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from intaglio.sparse import solved
 from intaglio.surface import Surface
-from intaglio.topology import directed_edges, edge_keys, unique_edges
+from intaglio.topology import directed_edges, following, opposite_edges, unique_edges
 
 Array = np.ndarray
 
@@ -83,15 +83,9 @@ def seam_vertices(mesh: Surface, corners: Array) -> tuple[Array, Array, Array, A
     Also the corners (face times 3 plus place) at which each of a pair was met.
     """
     edges, texture = directed_edges(mesh.faces), directed_edges(corners)
-    keys, opposite = (edge_keys(e, len(mesh.vertices)) for e in (edges, edges[:, ::-1]))
-    sorter = np.argsort(keys, kind="stable")
-    at = sorter[np.minimum(np.searchsorted(keys, opposite, sorter=sorter), len(keys) - 1)]
-    paired = np.flatnonzero((keys[at] == opposite) & (edges[:, 0] < edges[:, 1]))
-    there = at[paired]
-
-    def following(corner: Array) -> Array:
-        return corner // 3 * 3 + (corner + 1) % 3
-
+    opposite = opposite_edges(mesh.faces, len(mesh.vertices))
+    paired = np.flatnonzero((opposite >= 0) & (edges[:, 0] < edges[:, 1]))
+    there = opposite[paired]
     left = np.concatenate([texture[paired, 0], texture[paired, 1]])
     right = np.concatenate([texture[there, 1], texture[there, 0]])
     at_left, at_right = np.concatenate([paired, following(paired)]), np.concatenate([following(there), there])

@@ -10,6 +10,7 @@ from scipy import ndimage
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.synthesis.nearest import NearestWindows
+from intaglio.synthesis.pyramid import smoothed
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -44,9 +45,6 @@ _AT_ONCE = 100_000
 
 # Width of the frame around an image that kernels may reach into.
 _FRAME = 2
-
-# Burt and Adelson's kernel, a = 0.4.
-_BURT = np.array([0.05, 0.25, 0.4, 0.25, 0.05])
 
 
 class _Level:
@@ -140,19 +138,13 @@ def _pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Le
         # A coarse pixel is known if no missing pixel has any weight in it (the paper's quantised mask pyramid).
         touched = ndimage.maximum_filter(~known & (chart > 0), 5, mode="constant")
         inside = (chart > 0).astype(np.float32)
-        weight = _smoothed(inside)
-        planes = [_smoothed(values[:, :, c] * inside) / np.maximum(weight, 1e-6) for c in range(values.shape[2])]
+        weight = smoothed(inside)
+        planes = [smoothed(values[:, :, c] * inside) / np.maximum(weight, 1e-6) for c in range(values.shape[2])]
         values = np.stack(planes, axis=2)[::2, ::2].astype(np.float32)
         known, chart = (~touched & (chart > 0))[::2, ::2], chart[::2, ::2]
         if min(known.shape) < 16:
             break
     return found
-
-
-def _smoothed(plane: Array) -> Array:
-    rows = ndimage.correlate1d(plane, _BURT, axis=0, mode="nearest")
-    smooth: Array = ndimage.correlate1d(rows, _BURT, axis=1, mode="nearest")
-    return smooth
 
 
 def whole_neighbourhoods(known: Array, chart: Array) -> Array:

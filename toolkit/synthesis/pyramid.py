@@ -19,13 +19,14 @@ def halved(planes: Array, known: Array) -> tuple[Array, Array]:
 
     Pixels that are not known have no weight in their neighbours' means.
     """
-    weight = _smoothed(known.astype(np.float64))
-    smooth = np.stack([_smoothed(np.where(known, p, 0).astype(np.float64)) for p in planes])
+    weight = smoothed(known.astype(np.float64))
+    smooth = np.stack([smoothed(np.where(known, p, 0).astype(np.float64)) for p in planes])
     mean = np.divide(smooth, weight, out=np.zeros_like(smooth), where=weight > 0)
     return mean[:, ::2, ::2].astype(np.float32), weight[::2, ::2] >= _SHARE
 
 
-def _smoothed(plane: Array) -> Array:
+def smoothed(plane: Array) -> Array:
+    """Return a plane under the generating kernel; its border's values go on beyond it."""
     rows = ndimage.correlate1d(plane, _KERNEL, axis=0, mode="nearest")
     smooth: Array = ndimage.correlate1d(rows, _KERNEL, axis=1, mode="nearest")
     return smooth
