@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from intaglio.checks import checked_choice
 from intaglio.errors import InputError
 from intaglio.surface import Surface, vertex_normals
-from intaglio.synthesis.sample import checked_choice
 
 Array = np.ndarray
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.checks import checked_choice
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pictures import Picture
@@ -23,7 +24,7 @@ from intaglio.photographs.texture import Texture
 from intaglio.photographs.vertex_colors import bound_colors, spread_colors
 from intaglio.pull_push import continued
 from intaglio.surface import Surface, vertex_normals
-from intaglio.synthesis.sample import checked_choice, checked_size
+from intaglio.synthesis.sample import checked_size
 from intaglio.topology import pieces
 
 Array = np.ndarray

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from intaglio.checks import checked_choice, checked_count, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.pull_push import continued
@@ -17,7 +18,7 @@ from intaglio.restoration.frequency import MOST_SUBBANDS, chosen_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
 from intaglio.restoration.poisson import corrected
 from intaglio.synthesis.refine import SIDES, refined
-from intaglio.synthesis.sample import SampleMaps, checked_choice, checked_count, checked_mask, checked_number
+from intaglio.synthesis.sample import SampleMaps, checked_mask
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]

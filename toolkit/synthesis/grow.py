@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from intaglio.checks import checked_choice, checked_count, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
@@ -17,18 +18,7 @@ from intaglio.photometric.relightable import Relightable
 from intaglio.randomness import checked_seed, uniform
 from intaglio.synthesis.pyramid import halved, level_shape
 from intaglio.synthesis.result import Synthesis, copied, places
-from intaglio.synthesis.sample import (
-    METRICS,
-    SampleMaps,
-    checked_choice,
-    checked_count,
-    checked_mask,
-    checked_number,
-    checked_size,
-    prepare,
-    stacked,
-    window_starts,
-)
+from intaglio.synthesis.sample import METRICS, SampleMaps, checked_mask, checked_size, prepare, stacked, window_starts
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.checks import checked_choice
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.photometric import PhotometricStack, Relightable, gradients_from_height, represent
@@ -18,7 +19,7 @@ from intaglio.photometric.stack import checked_lights
 from intaglio.synthesis.grow import grow
 from intaglio.synthesis.quilt import quilt
 from intaglio.synthesis.result import Synthesis
-from intaglio.synthesis.sample import checked_choice, checked_mask
+from intaglio.synthesis.sample import checked_mask
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.checks import checked_choice, checked_count, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.block_search import ROWS
@@ -18,16 +19,7 @@ from intaglio.synthesis.graph_cut import graph_cut_seams
 from intaglio.synthesis.layout import plan
 from intaglio.synthesis.refine import refined
 from intaglio.synthesis.result import Synthesis, copied
-from intaglio.synthesis.sample import (
-    METRICS,
-    SampleMaps,
-    checked_choice,
-    checked_count,
-    checked_number,
-    checked_size,
-    prepare,
-    window_starts,
-)
+from intaglio.synthesis.sample import METRICS, SampleMaps, checked_size, prepare, window_starts
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]

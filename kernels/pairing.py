@@ -1,0 +1,243 @@
+"""Pairs of points of two surfaces that are to be made one: costs, coherence and the greedy choice.
+
+Duranleau & Poulin, section 5.2. Every target lists the eight sources that cost it least, all targets at once; then the
+targets of a patch choose in order, each the first of its list that is still free. That is the paper's greedy choice, as
+costs of one round depend on the pairs of the round before only; a target all of whose eight are taken goes without.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from intaglio.kernels.launch import launch
+from intaglio.kernels.points import PointSurface
+
+wp.set_module_options({"enable_backward": False})
+
+_LISTED = 8
+
+
+@wp.struct
+class PairWeights:
+    """Weights and limits of equation 2 and of the coherence term; lengths are in patch sides."""
+
+    position: float
+    normal: float
+    variation: float
+    length: float
+    direction: float
+    most_position: float
+    most_normal: float
+    most_variation: float
+    unit: float
+
+
+@wp.kernel
+def coherence_kernel(
+    start: int,
+    first: wp.array(dtype=wp.int32),
+    group: wp.array(dtype=wp.int32),
+    targets: wp.array(dtype=wp.vec3),
+    sources: wp.array(dtype=wp.vec3),
+    pair: wp.array(dtype=wp.int32),
+    radius: float,
+    # output
+    length: wp.array(dtype=float),
+    direction: wp.array(dtype=wp.vec3),
+):
+    """f_l and f_d: mean length and direction of the pairs near a target, weighted by a Gaussian of distance."""
+    i = start + wp.tid()
+    q = targets[i]
+    g = group[i]
+    total = float(0.0)
+    mean = float(0.0)
+    toward = wp.vec3()
+    for k in range(first[g], first[g + 1]):
+        s = pair[k]
+        if s >= 0:
+            d = sources[s] - targets[k]
+            w = wp.exp(-wp.length_sq(q - targets[k]) / (2.0 * radius * radius))
+            total += w
+            mean += w * wp.length(d)
+            toward += w * d
+    if total > 0.0:
+        mean = mean / total
+    length[i] = mean
+    direction[i] = wp.normalize(toward)
+
+
+@wp.kernel
+def list_sources_kernel(
+    start: int,
+    grid: wp.uint64,
+    sources: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    variation: wp.array(dtype=float),
+    targets: wp.array(dtype=wp.vec3),
+    target_normals: wp.array(dtype=wp.vec3),
+    target_variation: wp.array(dtype=float),
+    group: wp.array(dtype=wp.int32),
+    weights: PairWeights,
+    coherent: int,
+    length: wp.array(dtype=float),
+    direction: wp.array(dtype=wp.vec3),
+    # output
+    listed: wp.array2d(dtype=wp.int32),
+    cost: wp.array2d(dtype=float),
+):
+    """The sources that cost a target least: c of equation 2, and g if ``coherent``; -1 where fewer are allowed."""
+    i = start + wp.tid()
+    q = targets[i]
+    n = target_normals[i]
+    v = target_variation[i]
+    for k in range(_LISTED):
+        listed[i, k] = -1
+        cost[i, k] = float(3.0e38)
+    reach = weights.most_position * weights.unit
+    for j in wp.hash_grid_query(grid, q, reach, group[i]):
+        d = (sources[j] - q) / weights.unit
+        r = wp.length(d)
+        turned = 0.5 * (1.0 - wp.dot(normals[j], n))
+        varied = variation[j] - v
+        varied = varied * varied
+        if r <= weights.most_position:
+            if turned <= weights.most_normal and varied <= weights.most_variation:
+                c = weights.position * r + weights.normal * turned + weights.variation * varied
+                if coherent == 1:
+                    c += weights.length * wp.abs(r - length[i] / weights.unit)
+                    if r > 0.0:
+                        c += 0.5 * weights.direction * (1.0 - wp.dot(direction[i], d) / r)
+                # Equal costs are told apart by the index, whatever the order of the visit.
+                if c < cost[i, _LISTED - 1] or (c == cost[i, _LISTED - 1] and j < listed[i, _LISTED - 1]):
+                    k = int(_LISTED - 1)
+                    while k > 0 and (c < cost[i, wp.max(k - 1, 0)] or (c == cost[i, wp.max(k - 1, 0)] and j < listed[i, wp.max(k - 1, 0)])):
+                        cost[i, k] = cost[i, k - 1]
+                        listed[i, k] = listed[i, k - 1]
+                        k -= 1
+                    cost[i, k] = c
+                    listed[i, k] = j
+
+
+@wp.kernel
+def choose_pairs_kernel(
+    start: int,
+    first: wp.array(dtype=wp.int32),
+    listed: wp.array2d(dtype=wp.int32),
+    round: int,
+    # output
+    taken: wp.array(dtype=wp.int32),
+    pair: wp.array(dtype=wp.int32),
+):
+    """Targets of a patch choose in order, each the first of its list that no other has taken in this round."""
+    g = start + wp.tid()
+    for i in range(first[g], first[g + 1]):
+        chosen = int(-1)
+        for k in range(_LISTED):
+            s = listed[i, k]
+            if chosen < 0 and s >= 0:
+                if taken[s] != round:
+                    chosen = s
+        if chosen >= 0:
+            taken[chosen] = round
+        pair[i] = chosen
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Points of several patches, sorted by patch, that sources are looked for.
+
+    Attributes
+    ----------
+    points, normals : (n, 3) float32 arrays
+    variation : (n,) float32 array
+    first : (B + 1,) int array
+        Where each patch's begin.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    variation: np.ndarray
+    first: np.ndarray
+
+
+def pair_points(
+    surface: PointSurface,
+    variation: np.ndarray,
+    targets: Targets,
+    *,
+    position: float,
+    normal: float,
+    variation_weight: float,
+    length: float,
+    direction: float,
+    most_position: float,
+    most_normal: float,
+    most_variation: float,
+    unit: float,
+    radius: float,
+    rounds: int,
+) -> np.ndarray:
+    """Return for every target the index of the source it is paired with, -1 for none.
+
+    Parameters
+    ----------
+    surface : PointSurface
+        The sources; patch b's are its group b. Indices returned are into the points as given.
+    variation : (m,) array
+        Surface variation of the sources.
+    targets : Targets
+    position, normal, variation_weight, length, direction : float
+        ω_p, ω_n, ω_v, ω_l, ω_d.
+    most_position, most_normal, most_variation : float
+        Limits: of the distance in units, of (1 - cos) / 2, of the squared difference of variation.
+    unit : float
+        Lengths count in this.
+    radius : float
+        Width of the Gaussian θ.
+    rounds : int
+        Rounds with the coherence term.
+    """
+    device, count = surface.device, len(targets.points)
+    if not count or not len(surface):
+        return np.full(count, -1)
+    weights = PairWeights()
+    weights.position, weights.normal, weights.variation = position, normal, variation_weight
+    weights.length, weights.direction = length, direction
+    weights.most_position, weights.most_normal, weights.most_variation = most_position, most_normal, most_variation
+    weights.unit = unit
+    first = wp.array(np.ascontiguousarray(targets.first, np.int32), dtype=wp.int32, device=device)
+    groups = np.repeat(np.arange(len(targets.first) - 1), np.diff(targets.first)).astype(np.int32)
+    group = wp.array(groups, dtype=wp.int32, device=device)
+    points = wp.array(np.ascontiguousarray(targets.points, np.float32), dtype=wp.vec3, device=device)
+    normals = wp.array(np.ascontiguousarray(targets.normals, np.float32), dtype=wp.vec3, device=device)
+    bent = wp.array(np.ascontiguousarray(targets.variation, np.float32), dtype=float, device=device)
+    sources_bent = wp.array(np.ascontiguousarray(variation, np.float32)[surface.order], dtype=float, device=device)
+    listed = wp.empty((count, _LISTED), dtype=wp.int32, device=device)
+    cost = wp.empty((count, _LISTED), dtype=float, device=device)
+    taken = wp.full(len(surface), -1, dtype=wp.int32, device=device)
+    pair = wp.full(count, -1, dtype=wp.int32, device=device)
+    near = wp.zeros(count, dtype=float, device=device)
+    toward = wp.zeros(count, dtype=wp.vec3, device=device)
+    for turn in range(rounds + 1):
+        if turn:
+            launch(
+                coherence_kernel, count, [first, group, points, surface.points, pair, float(radius)], [near, toward],
+                device=device, work=10 * count / max(len(targets.first) - 1, 1),
+            )  # fmt: skip
+        launch(
+            list_sources_kernel,
+            count,
+            [
+                surface.grid, surface.points, surface.normals, sources_bent, points, normals, bent, group, weights,
+                int(turn > 0), near, toward,
+            ],
+            [listed, cost],
+            device=device,
+            work=5000,
+        )  # fmt: skip
+        launch(choose_pairs_kernel, len(targets.first) - 1, [first, listed, turn], [taken, pair], device=device, work=2000)
+    chosen = pair.numpy()
+    return np.where(chosen >= 0, surface.order[np.maximum(chosen, 0)], -1)

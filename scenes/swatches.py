@@ -1,0 +1,104 @@
+"""Geometry textures made by rule: a plain weave, chain mail with bumps, flowers; none of them repeats."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from intaglio.geometry.sampling import thinned
+
+Array = np.ndarray
+
+# A Poisson-disk choice of radius r has about one sample on (1.09 r)^2.
+_RADIUS = 1 / 1.09
+
+
+def swept(line: Array, radius: float | Array, spacing: float, *, closed: bool = False, seed: int = 0) -> tuple[Array, Array]:
+    """Return points and normals, about ``spacing`` apart, of a tube along a polyline (N, 3) of closely set points."""
+    line = np.asarray(line, float)
+    if closed:
+        tangent = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
+    else:
+        tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    step = np.linalg.norm(np.diff(line, axis=0, append=line[:1] if closed else line[-1:]), axis=1)
+    across = np.empty_like(line)
+    side = np.cross(tangent[0], [0.31, 0.57, 0.76])
+    for i, t in enumerate(tangent):
+        side = side - t * (side @ t)
+        side /= np.linalg.norm(side)
+        across[i] = side
+    along = np.concatenate([[0], np.cumsum(step)])[: len(line)]
+    length = along[-1] + (step[-1] if closed else 0)
+    rng = np.random.default_rng(seed)
+    radii = np.broadcast_to(radius, len(line))
+    count = int(8 * length * 2 * np.pi * radii.mean() / spacing**2)
+    where, angle = rng.random(count) * length, rng.random(count) * 2 * np.pi
+    index = np.minimum(np.searchsorted(along, where, side="right") - 1, len(line) - 1)
+    following = (index + 1) % len(line) if closed else np.minimum(index + 1, len(line) - 1)
+    part = ((where - along[index]) / np.maximum(step[index], 1e-12))[:, None]
+    center = line[index] * (1 - part) + line[following] * part
+    u = across[index] * (1 - part) + across[following] * part
+    t = tangent[index] * (1 - part) + tangent[following] * part
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    u -= t * (u * t).sum(axis=1, keepdims=True)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    normal = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(t, u)
+    points = center + normal * radii[index][:, None]
+    chosen = thinned(points, normal, _RADIUS * spacing, seed)
+    return points[chosen], normal[chosen]
+
+
+def _wander(at: Array, rng: np.random.Generator, amount: float, length: float) -> Array:
+    """Return a smooth random function of ``at`` of about the given amount and wavelength."""
+    waves = rng.uniform(0.6, 1.6, 4) * 2 * np.pi / length
+    return amount * np.sin(at[:, None] * waves + rng.uniform(0, 2 * np.pi, 4)).sum(axis=1) / np.sqrt(2)
+
+
+def weave(threads: int = 20, spacing: float = 0.055, seed: int = 1) -> tuple[Array, Array, Array]:
+    """Return points, normals and thread number of a plain weave of ``threads`` each way, a unit apart; no two cross alike."""
+    rng = np.random.default_rng(seed)
+    radius, rise = 0.24, 0.27
+    points, normals, labels = [], [], []
+    at = np.linspace(-0.7, threads - 0.3, 40 * threads)
+    for direction in range(2):
+        for k in range(threads):
+            lift = rise * np.cos(np.pi * (at + k)) * (1 if direction == 0 else -1)
+            line = np.stack([k + _wander(at, rng, 0.045, 5.0), at, lift + _wander(at, rng, 0.012, 7.0)], axis=1)
+            if direction:
+                line = line[:, [1, 0, 2]]
+            p, n = swept(line, radius * (1 + _wander(at, rng, 0.02, 3.0)), spacing, seed=seed + len(labels))
+            points.append(p)
+            normals.append(n)
+            labels.append(np.full(len(p), direction * threads + k))
+    return np.concatenate(points), np.concatenate(normals), np.concatenate(labels)
+
+
+def ring_line(center: Array, tilt: float, radius: float, turn: float = 0.0, count: int = 160) -> Array:
+    """Return a circle (N, 3) whose plane is tilted about x by ``tilt`` and about z by ``turn``."""
+    angle = np.arange(count) * 2 * np.pi / count
+    circle = np.stack([np.cos(angle), np.cos(tilt) * np.sin(angle), np.sin(tilt) * np.sin(angle)], axis=1) * radius
+    c, s = np.cos(turn), np.sin(turn)
+    return circle @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + center
+
+
+def chain_mail(columns: int = 9, rows: int = 16, spacing: float = 0.075, seed: int = 2) -> tuple[Array, Array, Array]:
+    """Return points, normals and ring number of four-in-one mail: each ring hangs in two of the row above and two below."""
+    rng = np.random.default_rng(seed)
+    radius, wire = 1.0, 0.17
+    across, along, tilt = MAIL
+    points, normals, labels = [], [], []
+    for row in range(rows):
+        for column in range(columns):
+            center = np.array([(column + 0.5 * (row % 2)) * across, row * along, 0]) + rng.normal(0, 0.02, 3)
+            line = ring_line(
+                center, (tilt if row % 2 else -tilt) + rng.normal(0, 0.025), radius, rng.normal(0, 0.03)
+            )
+            p, n = swept(line, wire, spacing, closed=True, seed=seed + len(labels))
+            points.append(p)
+            normals.append(n)
+            labels.append(np.full(len(p), len(labels)))
+    return np.concatenate(points), np.concatenate(normals), np.concatenate(labels)
+
+
+# Distance of rings in a row, of rows, and the tilt of a ring, for rings of radius 1 and wire of 0.17.
+MAIL = (2.4, 0.7, 0.6)

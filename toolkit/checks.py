@@ -1,0 +1,35 @@
+"""Checks of settings that the systems share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from intaglio.errors import InputError
+
+
+def checked_number(name: str, value: float, low: float, high: float = np.inf) -> float:
+    """Return ``value`` as a float, or raise `InputError` if it is not a number from ``low`` to ``high``."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be a number, not {value!r}") from error
+    if not low <= number <= high or not np.isfinite(number):
+        limits = f"at least {low:g}" if high == np.inf else f"from {low:g} to {high:g}"
+        raise InputError(f"{name} must be {limits}, not {value!r}")
+    return number
+
+
+def checked_count(name: str, value: int, low: int, high: int) -> int:
+    """Return ``value`` as an int, or raise `InputError` if it is no whole number from ``low`` to ``high``."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or not low <= value <= high:
+        raise InputError(f"{name} must be a whole number from {low} to {high}, not {value!r}")
+    return int(value)
+
+
+def checked_choice(name: str, value: str, known: Sequence[str]) -> str:
+    """Return ``value``, or raise `InputError` if it is none of ``known``."""
+    if value not in known:
+        raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
+    return value

@@ -1,0 +1,1 @@
+"""Geometry textures from point sets (Duranleau & Poulin)."""

@@ -1,0 +1,73 @@
+"""Settings of the extension of geometry textures, checked and filled in from the swatch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.errors import InputError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class PairingWeights:
+    """Weights of equation 2 and of the coherence term of section 5.2; lengths count in patch sides.
+
+    Attributes
+    ----------
+    normal, variation, length, direction, position : float
+        ω_n, ω_v, ω_l, ω_d, ω_p.
+    most_distance : float
+        Farthest pair.
+    most_angle : float
+        Degrees between the normals of a pair.
+    most_variation : float
+        Difference of surface variation of a pair.
+    """
+
+    normal: float
+    variation: float
+    length: float
+    direction: float
+    position: float = 1.0
+    most_distance: float = 0.15
+    most_angle: float = 60.0
+    most_variation: float = 0.2
+
+
+# Table 1 of the paper.
+PRESETS = {
+    "height field": PairingWeights(3, 30, 9, 7),
+    "chain mail": PairingWeights(1, 10, 8, 6),
+    "weave": PairingWeights(2, 15, 6, 5),
+    "flowers": PairingWeights(2, 2, 6, 6),
+}
+
+
+def checked_weights(weights: PairingWeights | str) -> PairingWeights | None:
+    """Return the weights that a name or a record gives, None for ``"auto"``."""
+    if isinstance(weights, PairingWeights):
+        for name, value in vars(weights).items():
+            if not np.isfinite(value) or value < 0:
+                raise InputError(f"weights: {name} must be a number of at least 0, not {value!r}")
+        if weights.most_distance <= 0:
+            raise InputError("weights: most_distance must be above 0")
+        return weights
+    if weights == "auto":
+        return None
+    if weights not in PRESETS:
+        raise InputError(f"weights {weights!r} are not known; choose auto, {', '.join(PRESETS)}, or give PairingWeights")
+    return PRESETS[weights]
+
+
+def pair(value: object, name: str, *, zero: bool = False) -> Array:
+    """Return one or two positive numbers as two."""
+    try:
+        numbers = np.asarray(value, float).reshape(-1)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"{name} must be one or two numbers, not {value!r}") from problem
+    if len(numbers) not in (1, 2) or not np.isfinite(numbers).all() or (numbers < 0).any() or (not zero and (numbers == 0).any()):
+        raise InputError(f"{name} must be one or two {'numbers of at least 0' if zero else 'positive numbers'}, not {value!r}")
+    return np.broadcast_to(numbers, 2).astype(float)

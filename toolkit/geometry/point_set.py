@@ -1,0 +1,118 @@
+"""Points with normals, and samples of geometry texture made of them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from intaglio.errors import InputError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class PointSet:
+    """Points of a surface, with the side they face.
+
+    Attributes
+    ----------
+    points : (N, 3) float64 array
+        In the input's unit.
+    normals : (N, 3) float64 array
+        Unit vectors that point out of the solid.
+    color : (N, 3) float32 array, optional
+        Linear Rec.709.
+    source : (N,) int32 array, optional
+        The point of the swatch that each was copied from; None for a swatch.
+    moved : (N,) float32 array, optional
+        How far warp and blending moved it from where plain copying would have put it.
+    notes : tuple of str
+        What was decided or repaired on the way.
+    """
+
+    points: Array
+    normals: Array
+    color: Array | None = None
+    source: Array | None = None
+    moved: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        points = np.ascontiguousarray(self.points, np.float64)
+        normals = np.ascontiguousarray(self.normals, np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InputError(f"points must be an (N, 3) array, not {np.shape(self.points)}")
+        if normals.shape != points.shape:
+            raise InputError(f"normals must be {points.shape} as points are, not {np.shape(self.normals)}")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "normals", normals)
+        for name, kind, width in (("color", np.float32, (3,)), ("source", np.int32, ()), ("moved", np.float32, ())):
+            value = getattr(self, name)
+            if value is not None:
+                value = np.ascontiguousarray(value, kind)
+                if value.shape != (len(points), *width):
+                    raise InputError(f"{name} must have the shape {(len(points), *width)}, not {value.shape}")
+                object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def part(self, chosen: Array) -> PointSet:
+        """Return the points that ``chosen`` (a mask or indices) names."""
+        return replace(
+            self,
+            **{
+                name: value[chosen]
+                for name in ("points", "normals", "color", "source", "moved")
+                if (value := getattr(self, name)) is not None
+            },
+        )
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write PLY, XYZ or OBJ points; see `write_points`."""
+        from intaglio.geometry.writing import write_points
+
+        write_points(self, path)
+
+
+@dataclass(frozen=True)
+class GeometryTexture:
+    """A swatch: points with normals over a rectangle of a reference plane (Duranleau & Poulin, section 3).
+
+    Attributes
+    ----------
+    points : PointSet
+        All of the geometry, also what reaches past the bounds.
+    bounds : (2, 3) float64 array
+        Least and greatest corner of the box that is the texture.
+    axis : int
+        The height axis, 0, 1 or 2; the plane is spanned by the two others.
+    spacing : float
+        Distance of samples: 1 over the root of their number on a unit of area.
+    notes : tuple of str
+        What was found, estimated or repaired on reading.
+    """
+
+    points: PointSet
+    bounds: Array
+    axis: int
+    spacing: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def plane_axes(self) -> tuple[int, int]:
+        """The two axes of the reference plane, so that with the height axis they are right-handed."""
+        return (self.axis + 1) % 3, (self.axis + 2) % 3
+
+    @property
+    def height(self) -> float:
+        """Extent of the bounds along the height axis."""
+        return float(self.bounds[1, self.axis] - self.bounds[0, self.axis])
+
+    @property
+    def base(self) -> Array:
+        """(2,) sides of the bounds in the reference plane."""
+        size = self.bounds[1] - self.bounds[0]
+        return size[list(self.plane_axes)]
