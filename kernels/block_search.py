@@ -142,7 +142,7 @@ def _cost_kernel(terms: Any) -> wp.Kernel:
         p2 = penalty[row + 2, g]
         p3 = penalty[row + 3, g]
         # Kernels evaluate both sides of an "and".
-        if radius >= 0:  # noqa: SIM102
+        if radius >= 0:
             if near_continued(continued, k, row, LANES * g, width, radius) == 1:
                 p0 += barred(continued, k, row, LANES * g, width, radius)
                 p1 += barred(continued, k, row + 1, LANES * g, width, radius)

@@ -85,9 +85,7 @@ def patch_distance_kernel(
     distance[b, row, c] = total
 
 
-def signed_distance(
-    surface: PointSurface, at: np.ndarray, *, group: np.ndarray | None = None, reach: float
-) -> np.ndarray:
+def signed_distance(surface: PointSurface, at: np.ndarray, *, group: np.ndarray | None = None, reach: float) -> np.ndarray:
     """Return the signed distance to a surface and its unit gradient at positions.
 
     Parameters

@@ -69,6 +69,12 @@ def coherence_kernel(
     direction[i] = wp.normalize(toward)
 
 
+@wp.func
+def precedes(cost: float, index: int, other_cost: float, other: int):
+    """Whether a source comes first: equal costs are told apart by the index, whatever the order of the visit."""
+    return cost < other_cost or (cost == other_cost and index < other)
+
+
 @wp.kernel
 def list_sources_kernel(
     start: int,
@@ -110,10 +116,9 @@ def list_sources_kernel(
                     c += weights.length * wp.abs(r - length[i] / weights.unit)
                     if r > 0.0:
                         c += 0.5 * weights.direction * (1.0 - wp.dot(direction[i], d) / r)
-                # Equal costs are told apart by the index, whatever the order of the visit.
-                if c < cost[i, _LISTED - 1] or (c == cost[i, _LISTED - 1] and j < listed[i, _LISTED - 1]):
+                if precedes(c, j, cost[i, _LISTED - 1], listed[i, _LISTED - 1]):
                     k = int(_LISTED - 1)
-                    while k > 0 and (c < cost[i, wp.max(k - 1, 0)] or (c == cost[i, wp.max(k - 1, 0)] and j < listed[i, wp.max(k - 1, 0)])):
+                    while k > 0 and precedes(c, j, cost[i, wp.max(k - 1, 0)], listed[i, wp.max(k - 1, 0)]):
                         cost[i, k] = cost[i, k - 1]
                         listed[i, k] = listed[i, k - 1]
                         k -= 1
@@ -146,6 +151,43 @@ def choose_pairs_kernel(
 
 
 @dataclass(frozen=True)
+class PairCosts:
+    """Weights and limits of pairs.
+
+    Attributes
+    ----------
+    position, normal, variation, length, direction : float
+        ω_p, ω_n, ω_v, ω_l, ω_d.
+    most_position, most_normal, most_variation : float
+        Limits: of the distance in units, of (1 - cos) / 2, of the squared difference of variation.
+    unit : float
+        Lengths count in this.
+    radius : float
+        Width of the Gaussian θ.
+    """
+
+    position: float
+    normal: float
+    variation: float
+    length: float
+    direction: float
+    most_position: float
+    most_normal: float
+    most_variation: float
+    unit: float
+    radius: float
+
+    def on_device(self) -> PairWeights:
+        """Return them as kernels take them."""
+        weights = PairWeights()
+        for name in ("position", "normal", "variation", "length", "direction", "unit"):
+            setattr(weights, name, float(getattr(self, name)))
+        for name in ("most_position", "most_normal", "most_variation"):
+            setattr(weights, name, float(getattr(self, name)))
+        return weights
+
+
+@dataclass(frozen=True)
 class Targets:
     """Points of several patches, sorted by patch, that sources are looked for.
 
@@ -167,17 +209,7 @@ def pair_points(
     surface: PointSurface,
     variation: np.ndarray,
     targets: Targets,
-    *,
-    position: float,
-    normal: float,
-    variation_weight: float,
-    length: float,
-    direction: float,
-    most_position: float,
-    most_normal: float,
-    most_variation: float,
-    unit: float,
-    radius: float,
+    costs: PairCosts,
     rounds: int,
 ) -> np.ndarray:
     """Return for every target the index of the source it is paired with, -1 for none.
@@ -189,25 +221,14 @@ def pair_points(
     variation : (m,) array
         Surface variation of the sources.
     targets : Targets
-    position, normal, variation_weight, length, direction : float
-        ω_p, ω_n, ω_v, ω_l, ω_d.
-    most_position, most_normal, most_variation : float
-        Limits: of the distance in units, of (1 - cos) / 2, of the squared difference of variation.
-    unit : float
-        Lengths count in this.
-    radius : float
-        Width of the Gaussian θ.
+    costs : PairCosts
     rounds : int
         Rounds with the coherence term.
     """
     device, count = surface.device, len(targets.points)
     if not count or not len(surface):
         return np.full(count, -1)
-    weights = PairWeights()
-    weights.position, weights.normal, weights.variation = position, normal, variation_weight
-    weights.length, weights.direction = length, direction
-    weights.most_position, weights.most_normal, weights.most_variation = most_position, most_normal, most_variation
-    weights.unit = unit
+    weights = costs.on_device()
     first = wp.array(np.ascontiguousarray(targets.first, np.int32), dtype=wp.int32, device=device)
     groups = np.repeat(np.arange(len(targets.first) - 1), np.diff(targets.first)).astype(np.int32)
     group = wp.array(groups, dtype=wp.int32, device=device)
@@ -224,7 +245,7 @@ def pair_points(
     for turn in range(rounds + 1):
         if turn:
             launch(
-                coherence_kernel, count, [first, group, points, surface.points, pair, float(radius)], [near, toward],
+                coherence_kernel, count, [first, group, points, surface.points, pair, float(costs.radius)], [near, toward],
                 device=device, work=10 * count / max(len(targets.first) - 1, 1),
             )  # fmt: skip
         launch(

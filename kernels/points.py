@@ -395,7 +395,16 @@ class PointSurface:
         launch(
             project_kernel,
             count,
-            [self.grid, self.points, self.normals, *self._queries(at, sides, group), self.support, self.hermite, float(reach), int(along)],
+            [
+                self.grid,
+                self.points,
+                self.normals,
+                *self._queries(at, sides, group),
+                self.support,
+                self.hermite,
+                float(reach),
+                int(along),
+            ],
             [foot, normal, found],
             device=self.device,
             work=3000,

@@ -1,4 +1,4 @@
-"""Even spreading of points over a surface: neighbours push each other apart along it."""
+"""Even spreading of points over a surface: neighbours push each other apart along it, and gaps between them are found."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from intaglio.kernels.launch import launch
 from intaglio.kernels.points import PointSurface
 
 wp.set_module_options({"enable_backward": False})
+
+_SECTORS = wp.constant(12)
+vec12 = wp.types.vector(length=12, dtype=wp.float32)
 
 
 @wp.kernel
@@ -41,6 +44,56 @@ def repel_kernel(
     moved[i] = x + push
 
 
+@wp.kernel
+def gap_kernel(
+    start: int,
+    grid: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    group: wp.array(dtype=wp.int32),
+    narrow: float,
+    wide: float,
+    # output
+    middle: wp.array(dtype=wp.vec3),
+    width: wp.array(dtype=float),
+):
+    """Width and middle of the widest gap about a point: a sector of 60° whose nearest point lies from narrow to wide away.
+
+    Twelve sectors overlap by half. A sector with nothing up to ``wide`` is a border, not a gap: 0.
+    """
+    i = start + wp.tid()
+    x = points[i]
+    n = normals[i]
+    u = wp.cross(n, wp.vec3(1.0, 0.0, 0.0))
+    if wp.abs(n[0]) > 0.9:
+        u = wp.cross(n, wp.vec3(0.0, 1.0, 0.0))
+    u = wp.normalize(u)
+    v = wp.cross(n, u)
+    least = vec12(wide)
+    for j in wp.hash_grid_query(grid, x, wide, group[i]):
+        d = points[j] - x
+        r = wp.length(d)
+        if r < wide and r > 0.0:
+            if wp.dot(normals[j], n) > 0.0:
+                turn = wp.atan2(wp.dot(d, v), wp.dot(d, u)) / (2.0 * wp.pi) * 12.0 + 12.0
+                s = int(turn) % _SECTORS
+                # A point lies in the sectors that begin at its twelfth and at the one before it.
+                before = (s + _SECTORS - 1) % _SECTORS
+                least[s] = wp.min(least[s], r)
+                least[before] = wp.min(least[before], r)
+    widest = float(0.0)
+    at = int(0)
+    for s in range(_SECTORS):
+        if least[s] < wide and least[s] > widest:
+            widest = least[s]
+            at = s
+    if widest < narrow:
+        widest = 0.0
+    angle = float(at + 1) * 2.0 * wp.pi / 12.0
+    middle[i] = x + 0.5 * widest * (wp.cos(angle) * u + wp.sin(angle) * v)
+    width[i] = widest
+
+
 def repelled(surface: PointSurface, radius: float, strength: float) -> np.ndarray:
     """Return the points (N, 3) float32 of ``surface``, each pushed away by its neighbours within ``radius`` on its side.
 
@@ -56,13 +109,35 @@ def repelled(surface: PointSurface, radius: float, strength: float) -> np.ndarra
     launch(
         repel_kernel,
         len(surface),
-        [
-            surface.grid, surface.points, surface.normals, surface.group, float(radius), float(strength),
-        ],
+        [surface.grid, surface.points, surface.normals, surface.group, float(radius), float(strength)],
         [moved],
         device=surface.device,
         work=500,
-    )  # fmt: skip
+    )
     out = np.empty((len(surface), 3), np.float32)
     out[surface.order] = moved.numpy()
     return out
+
+
+def gaps(surface: PointSurface, narrow: float, wide: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the middle (N, 3) and width (N,) float32 of the widest gap beside each point, width 0 where there is none.
+
+    Parameters
+    ----------
+    surface : PointSurface
+    narrow, wide : float
+        A gap is a sector of 60° in the tangent plane whose nearest point is farther than ``narrow`` and nearer than ``wide``.
+    """
+    middle = wp.empty(len(surface), dtype=wp.vec3, device=surface.device)
+    width = wp.empty(len(surface), dtype=float, device=surface.device)
+    launch(
+        gap_kernel,
+        len(surface),
+        [surface.grid, surface.points, surface.normals, surface.group, float(narrow), float(wide)],
+        [middle, width],
+        device=surface.device,
+        work=1000,
+    )
+    places, widths = np.empty((len(surface), 3), np.float32), np.empty(len(surface), np.float32)
+    places[surface.order], widths[surface.order] = middle.numpy(), width.numpy()
+    return places, widths

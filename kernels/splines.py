@@ -6,6 +6,8 @@ dimensions. Its Jacobian is J(x) = A + sum w_i (x - c_i)^T / |x - c_i|.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import warp as wp
 
@@ -68,17 +70,27 @@ def warp_kernel(
     volume[i] = wp.dot(j0, c0)
 
 
+@dataclass(frozen=True)
+class Splines:
+    """Warps of several patches, W(x) = A x + b + Σ w_i |x - c_i|.
+
+    Attributes
+    ----------
+    first : (B + 1,) int array
+        Where each patch's centres begin.
+    centers, weights : (n, 3) arrays
+    linear, offset : (B, 3, 3), (B, 3) arrays
+    """
+
+    first: np.ndarray
+    centers: np.ndarray
+    weights: np.ndarray
+    linear: np.ndarray
+    offset: np.ndarray
+
+
 def warp_points(
-    points: np.ndarray,
-    normals: np.ndarray,
-    group: np.ndarray,
-    *,
-    first: np.ndarray,
-    centers: np.ndarray,
-    weights: np.ndarray,
-    linear: np.ndarray,
-    offset: np.ndarray,
-    device: str,
+    points: np.ndarray, normals: np.ndarray, group: np.ndarray, splines: Splines, device: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return points and normals (m, 3) warped by the spline of their group, and the Jacobian's determinant (m,), float32.
 
@@ -87,14 +99,11 @@ def warp_points(
     points, normals : (m, 3) arrays
     group : (m,) int array
         Which spline.
-    first : (B + 1,) int array
-        Where each spline's centres begin.
-    centers, weights : (n, 3) arrays
-    linear, offset : (B, 3, 3), (B, 3) arrays
+    splines : Splines
     device : str
         From `choose_device`.
     """
-    count = len(points)
+    count, first = len(points), splines.first
     warped = wp.empty(count, dtype=wp.vec3, device=device)
     turned = wp.empty(count, dtype=wp.vec3, device=device)
     volume = wp.empty(count, dtype=float, device=device)
@@ -107,11 +116,12 @@ def warp_points(
         count,
         [
             vectors(points), vectors(normals), wp.array(np.ascontiguousarray(group, np.int32), dtype=wp.int32, device=device),
-            wp.array(np.ascontiguousarray(first, np.int32), dtype=wp.int32, device=device), vectors(centers), vectors(weights),
-            wp.array(np.ascontiguousarray(linear, np.float32), dtype=wp.mat33, device=device), vectors(offset),
+            wp.array(np.ascontiguousarray(first, np.int32), dtype=wp.int32, device=device), vectors(splines.centers),
+            vectors(splines.weights), wp.array(np.ascontiguousarray(splines.linear, np.float32), dtype=wp.mat33, device=device),
+            vectors(splines.offset),
         ],
         [warped, turned, volume],
         device=device,
-        work=10 * len(centers) / max(len(first) - 1, 1),
+        work=10 * len(splines.centers) / max(len(first) - 1, 1),
     )  # fmt: skip
     return warped.numpy().copy(), turned.numpy().copy(), volume.numpy().copy()

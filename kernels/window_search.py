@@ -147,7 +147,7 @@ def propose(
     chosen = int(-1)
     if exhaustive[first + t] == wp.uint8(0) and at[1] > 0:
         source = canvas[at[0], at[1] - 1]
-        if source >= 0 and source % sample_width + 1 < sample_width:  # noqa: SIM102
+        if source >= 0 and source % sample_width + 1 < sample_width:
             if slot[source + 1] >= 0:
                 chosen = source + 1
     if chosen >= 0:

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from intaglio.geometry.sampling import thinned
+from intaglio.geometry.sampling import RADIUS, thinned
 
 Array = np.ndarray
-
-# A Poisson-disk choice of radius r has about one sample on (1.09 r)^2.
-_RADIUS = 1 / 1.09
 
 
 def swept(line: Array, radius: float | Array, spacing: float, *, closed: bool = False, seed: int = 0) -> tuple[Array, Array]:
     """Return points and normals, about ``spacing`` apart, of a tube along a polyline (N, 3) of closely set points."""
     line = np.asarray(line, float)
-    if closed:
-        tangent = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
-    else:
-        tangent = np.gradient(line, axis=0)
+    tangent = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0) if closed else np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     step = np.linalg.norm(np.diff(line, axis=0, append=line[:1] if closed else line[-1:]), axis=1)
     across = np.empty_like(line)
@@ -44,7 +38,7 @@ def swept(line: Array, radius: float | Array, spacing: float, *, closed: bool = 
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     normal = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(t, u)
     points = center + normal * radii[index][:, None]
-    chosen = thinned(points, normal, _RADIUS * spacing, seed)
+    chosen = thinned(points, normal, RADIUS * spacing, seed)
     return points[chosen], normal[chosen]
 
 
@@ -58,7 +52,9 @@ def weave(threads: int = 20, spacing: float = 0.055, seed: int = 1) -> tuple[Arr
     """Return points, normals and thread number of a plain weave of ``threads`` each way, a unit apart; no two cross alike."""
     rng = np.random.default_rng(seed)
     radius, rise = 0.24, 0.27
-    points, normals, labels = [], [], []
+    points: list[Array] = []
+    normals: list[Array] = []
+    labels: list[Array] = []
     at = np.linspace(-0.7, threads - 0.3, 40 * threads)
     for direction in range(2):
         for k in range(threads):
@@ -86,13 +82,13 @@ def chain_mail(columns: int = 9, rows: int = 16, spacing: float = 0.075, seed: i
     rng = np.random.default_rng(seed)
     radius, wire = 1.0, 0.17
     across, along, tilt = MAIL
-    points, normals, labels = [], [], []
+    points: list[Array] = []
+    normals: list[Array] = []
+    labels: list[Array] = []
     for row in range(rows):
         for column in range(columns):
             center = np.array([(column + 0.5 * (row % 2)) * across, row * along, 0]) + rng.normal(0, 0.02, 3)
-            line = ring_line(
-                center, (tilt if row % 2 else -tilt) + rng.normal(0, 0.025), radius, rng.normal(0, 0.03)
-            )
+            line = ring_line(center, (tilt if row % 2 else -tilt) + rng.normal(0, 0.025), radius, rng.normal(0, 0.03))
             p, n = swept(line, wire, spacing, closed=True, seed=seed + len(labels))
             points.append(p)
             normals.append(n)

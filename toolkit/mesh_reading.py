@@ -60,10 +60,11 @@ def read_surface(path: str | os.PathLike[str], *, view: Sequence[float] | None =
 
 
 def _read_with_trimesh(path: Path, view: Sequence[float] | None) -> Surface:
-    return _from_trimesh(_load(path), path, view)
+    return _from_trimesh(load_mesh(path), path, view)
 
 
-def _load(path: Path) -> Any:
+def load_mesh(path: Path) -> Any:
+    """Return what trimesh makes of a file, parts of a scene joined; `FileError` if it can't be read."""
     import trimesh
 
     try:
@@ -86,7 +87,7 @@ def _from_trimesh(mesh: Any, path: Path, view: Sequence[float] | None) -> Surfac
         raise InputError("holds no vertices")
     vertices = np.array(vertices, np.float64)
     faces = np.array(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
-    color = _colors(mesh, len(vertices))
+    color = vertex_colors(mesh, len(vertices))
     if len(faces) == 0:
         if view is None:
             raise InputError(
@@ -96,7 +97,7 @@ def _from_trimesh(mesh: Any, path: Path, view: Sequence[float] | None) -> Surfac
     return Surface(vertices=vertices, faces=faces, color=color)
 
 
-def _colors(mesh: Any, count: int) -> Array | None:
+def vertex_colors(mesh: Any, count: int) -> Array | None:
     """Vertex colours as linear floats, if the file has them; a texture is sampled at the vertices."""
     visual: Any = getattr(mesh, "visual", None)
     if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
@@ -124,7 +125,7 @@ def _read_stl(path: Path, view: Sequence[float] | None) -> Surface:
 
 def _read_ply(path: Path, view: Sequence[float] | None) -> Surface:
     comments = _ply_comments(path)
-    mesh = _load(path)
+    mesh = load_mesh(path)
     raw = mesh.metadata.get("_ply_raw", {})
     vertex = raw.get("vertex", {}).get("data")
     if "range_grid" in raw:
@@ -205,7 +206,7 @@ def _from_range_grid(mesh: Any, grid: dict[str, Any], path: Path, view: Sequence
     index = _grid_indices(grid["data"], rows * columns)
     if index.max(initial=-1) >= len(vertices) or index.min(initial=-1) < -1:
         raise InputError(f"its range_grid names vertices {index.min()} to {index.max()}, but there are only {len(vertices)}")
-    colors = _colors(mesh, len(vertices))
+    colors = vertex_colors(mesh, len(vertices))
     points = np.full((rows * columns, 3), np.nan)
     points[index >= 0] = vertices[index[index >= 0]]
     if view is None:

@@ -92,15 +92,8 @@ def _write_ply(surface: Surface, path: Path) -> None:
         if value is not None:
             fields.append((name, "float", value))
     if surface.color is not None:
-        shown = np.round(encode_srgb(surface.color) * 255).astype(np.uint8)
-        for i, name in enumerate(("red", "green", "blue")):
-            fields.append((name, "uchar", shown[:, i]))
-        for i, name in enumerate(("red", "green", "blue")):
-            fields.append((f"linear_{name}", "float", surface.color[:, i]))
-    types = {"double": "<f8", "float": "<f4", "uchar": "u1", "int": "<i4"}
-    table = np.empty(len(surface.vertices), [(n, types[t]) for n, t, _ in fields])
-    for name, _, value in fields:
-        table[name] = value
+        fields += color_fields(surface.color)
+    table, properties = ply_table(fields, len(surface.vertices))
     faces = np.empty(len(surface.faces), [("count", "u1"), ("index", "<i4", (3,))])
     faces["count"] = 3
     faces["index"] = surface.faces
@@ -109,12 +102,29 @@ def _write_ply(surface: Surface, path: Path) -> None:
         header.append(f"comment model {json.dumps(_model_record(surface.model))}")
     header += [f"comment note {json.dumps(note)}" for note in surface.notes]
     header.append(f"element vertex {len(table)}")
-    header += [f"property {t} {n}" for n, t, _ in fields]
+    header += properties
     header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
     with open(path, "wb") as file:
         file.write("\n".join(header).encode("ascii"))
         file.write(table.tobytes())
         file.write(faces.tobytes())
+
+
+def color_fields(color: Array) -> list[tuple[str, str, Array]]:
+    """Return the PLY properties of linear colours (N, 3): 8-bit sRGB for other programs, and what is read back."""
+    shown = np.round(encode_srgb(color) * 255).astype(np.uint8)
+    names = ("red", "green", "blue")
+    fields: list[tuple[str, str, Array]] = [(name, "uchar", shown[:, i]) for i, name in enumerate(names)]
+    return fields + [(f"linear_{name}", "float", color[:, i]) for i, name in enumerate(names)]
+
+
+def ply_table(fields: list[tuple[str, str, Array]], count: int) -> tuple[Array, list[str]]:
+    """Return the binary table of a PLY element's (name, type, values), and the header's lines of its properties."""
+    types = {"double": "<f8", "float": "<f4", "uchar": "u1", "int": "<i4"}
+    table = np.empty(count, [(name, types[kind]) for name, kind, _ in fields])
+    for name, _, value in fields:
+        table[name] = value
+    return table, [f"property {kind} {name}" for name, kind, _ in fields]
 
 
 def _model_record(model: Base) -> dict[str, object]:

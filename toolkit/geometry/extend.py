@@ -1,50 +1,27 @@
-"""Larger geometry textures from a swatch, patch by patch (Duranleau & Poulin)."""
+"""Larger geometry textures from a swatch (Duranleau & Poulin): settings, checks, and the finished output."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from intaglio.checks import checked_count, checked_number
 from intaglio.devices import device_or_error
-from intaglio.errors import InputError, IntaglioWarning
-from intaglio.geometry.buckets import RECORD, Buckets
-from intaglio.geometry.fitting import PatchFitter
-from intaglio.geometry.layout import Layout, PatchPlace, lay_out
-from intaglio.geometry.options import PairingWeights, checked_weights, pair
+from intaglio.errors import InputError
+from intaglio.geometry.growth import Growth
+from intaglio.geometry.layout import lay_out
+from intaglio.geometry.options import PairingWeights, Settings, checked_weights, one_or_two, suited_weights
 from intaglio.geometry.point_set import GeometryTexture, PointSet
-from intaglio.geometry.spreading import relaxed
-from intaglio.geometry.swatch import Swatch, layer_heights
-from intaglio.kernels.distance_fields import Overlaps, PatchSearch, candidates, signed_distance
-from intaglio.kernels.points import PointSurface
-from intaglio.randomness import checked_seed, uniform
+from intaglio.geometry.spreading import spread
+from intaglio.geometry.swatch import Swatch
+from intaglio.randomness import checked_seed
 
 Array = np.ndarray
 
-# Patches worked on at once; bounds memory.
-_AT_ONCE = 32
-_SEED_STREAM = 61
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the patches are searched, warped and blended with; lengths in the input's unit."""
-
-    patch: Array
-    overlap: float
-    extra: float
-    cell: float
-    tolerance: float
-    pairs: int
-    rounds: int
-    smoothing: float
-    weights: PairingWeights
-    max_error: float
-    warp: bool
-    blend: bool
+# More points than this are not attempted: they would need more memory than a workstation has.
+_MOST_POINTS = 200_000_000
+_MOST_NODES = 50_000_000
 
 
 def extend_geometry(
@@ -56,143 +33,165 @@ def extend_geometry(
     extra: float | None = None,
     cell: float | None = None,
     tolerance: float = 0.1,
+    max_error: float | None = None,
     weights: PairingWeights | str = "auto",
-    pairs: int = 100,
+    pairs: int = 150,
     rounds: int = 3,
     smoothing: float = 1e-3,
     warp: bool = True,
     blend: bool = True,
     relax: int = 3,
-    max_error: float | None = None,
     toroidal: bool = False,
     seed: int = 0,
     device: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> PointSet:
-    """X."""
+    """Make a large piece of a geometry texture from a swatch, patch by patch.
+
+    In scan-line order each patch is searched by the distance of signed distance fields where it overlaps what is there
+    (section 5.1), warped by a thin-plate spline through automatically paired points (5.2), blended by projection (5.3), and
+    put in the place of what was there. Patches that can't see each other are worked on together; the result is that of one
+    after the other.
+
+    Parameters
+    ----------
+    texture : GeometryTexture
+        Should reach past its bounds by ``extra`` on all sides of the plane; where it does not, the bounds shrink.
+    size : float or (float, float)
+        Sides of the output along the two plane axes (`GeometryTexture.plane_axes`), in the swatch's unit.
+    patch : float or (float, float), optional
+        Sides of a patch: at least one texture element and some of its surroundings. Default: a third of the shorter side.
+    overlap : float, optional
+        Least overlap of neighbouring patches; at most half a patch. Default: a third of a patch.
+    extra : float, optional
+        Width w_E of the region copied beyond a patch, and of the border cut off at the end. Default: a quarter of a patch.
+    cell : float, optional
+        Distance of the field's nodes, and step of the positions that are searched. Default: a sixteenth of a patch, at least
+        the distance of samples.
+    tolerance : float
+        ε: a patch is drawn from those within (1 + ε) of the least distance.
+    max_error : float, optional
+        A patch whose best distance, as the root mean square of a node's (half the height and a unit gradient count 1), is
+        above this has no candidate: four of half the size are put in its place, and where these fail the best is taken and
+        its place noted. Default: no limit.
+    weights : PairingWeights or str
+        A preset of the paper's Table 1 ("height field", "chain mail", "weave", "flowers"), or "auto": chosen by whether the
+        swatch is a height field and how strongly it bends at the scale of its sampling.
+    pairs : int
+        About how many points of an overlap are paired.
+    rounds : int
+        Rounds of pairing with the coherence term.
+    smoothing : float
+        Regularisation λ of the splines, over the spread of their centres: tiny; 0.1 and more leaves gaps to blending.
+    warp, blend : bool
+        Leave these steps out, for comparison.
+    relax : int
+        Rounds of spreading at the end: gaps are filled and crowded points pushed apart. 0: points stay as copied.
+    toroidal : bool
+        The output closes on itself: it tiles without a seam.
+    seed : int
+    device : str, optional
+    progress : callable, optional
+        Called with patches laid and all patches.
+
+    Returns
+    -------
+    PointSet
+        From 0 to ``size`` in the plane, at the swatch's heights; ``source`` is the swatch point each was copied from, and
+        ``moved`` how far warp, blending and spreading moved it from where copying had put it.
+
+    Raises
+    ------
+    InputError
+        If the swatch is smaller than a patch, an overlap or setting is out of range, a toroidal output is too small to
+        close, or the output would be too large.
+
+    References
+    ----------
+    Duranleau & Poulin, *Patch-based Synthesis of Geometry Textures with Point-set Surfaces*, sections 4 and 5. Beyond the
+    paper: averages are corrected for bending (`intaglio.kernels.points`), so that blending does not thin wires; geometry
+    without a counterpart is cut in the middle of the overlap instead of at the box; anchors follow the pairs' mean move.
+    """
     device = device_or_error(device)
     seed = checked_seed(seed)
-    wanted = pair(size, "size")
-    sides = pair(patch, "patch") if patch is not None else np.full(2, texture.base.min() / 3)
-    overlap = checked_number("overlap", sides.min() / 3 if overlap is None else overlap, 0)
-    extra = checked_number("extra", sides.min() / 4 if extra is None else extra, 0)
-    swatch = Swatch(texture, extra, device)
-    cell = checked_number("cell", max(sides.min() / 16, swatch.spacing) if cell is None else cell, 0)
-    chosen = checked_weights(weights) or checked_weights("weave")
+    if not isinstance(texture, GeometryTexture):
+        raise InputError(f"texture must be a GeometryTexture (see read_geometry_texture), not {type(texture).__name__}")
+    wanted = one_or_two(size, "size")
+    sides = np.full(2, texture.base.min() / 3) if patch is None else one_or_two(patch, "patch")
+    shorter, longer = float(sides.min()), texture.base
+    if (sides > longer).any():
+        raise InputError(
+            f"patch {_sides(sides)} is larger than the swatch's bounds {_sides(longer)}; give a smaller patch or a larger swatch"
+        )
+    overlap = checked_number("overlap", shorter / 3 if overlap is None else overlap, texture.spacing, shorter / 2)
+    extra = checked_number("extra", shorter / 4 if extra is None else extra, 0, shorter)
+    step = max(shorter / 16, texture.spacing) if cell is None else checked_number("cell", cell, texture.spacing / 4, overlap)
+    chosen = checked_weights(weights)
+    relax = checked_count("relax", relax, 0, 100)
     settings = Settings(
-        sides, overlap, extra, cell, tolerance, pairs, rounds, smoothing, chosen,
-        np.inf if max_error is None else max_error, warp, blend,
+        patch=sides,
+        overlap=overlap,
+        extra=extra,
+        cell=step,
+        tolerance=checked_number("tolerance", tolerance, 0),
+        max_error=np.inf if max_error is None else checked_number("max_error", max_error, 0),
+        weights=chosen or PairingWeights(0, 0, 0, 0),
+        pairs=checked_count("pairs", pairs, 8, 2000),
+        rounds=checked_count("rounds", rounds, 0, 100),
+        smoothing=checked_number("smoothing", smoothing, 1e-9, 1e3),
+        warp=bool(warp),
+        blend=bool(blend),
     )
-    layout = lay_out(wanted, sides, overlap, extra, max(extra, 2 * swatch.support), toroidal=toroidal)
-    grower = _Grower(swatch, layout, settings, seed)
-    grower.grow(progress)
-    records = grower.finished()
-    if relax:
-        records = relaxed(records, swatch, layout.period, relax)
-    inside = ((records["point"][:, :2] >= layout.low) & (records["point"][:, :2] < layout.high)).all(axis=1)
-    records = records[inside]
+    _check_amount(texture, wanted, step)
+    swatch = Swatch(texture, extra, device)
+    if (sides > swatch.base * (1 + 1e-9)).any():
+        raise InputError(
+            f"patch {_sides(sides)} is larger than the swatch's bounds, which are {_sides(swatch.base)} once {extra:.4g} is "
+            "kept as padding on every side; give a smaller patch or extra, or a larger swatch"
+        )
+    if chosen is None:
+        name, found = suited_weights(swatch)
+        settings = settings.with_weights(found)
+        swatch.notes.append(f"pairing weights: those of {name}")
+    margin = max(extra, 2 * swatch.support)
+    if toroidal and (wanted < sides + 2 * (extra + margin)).any():
+        raise InputError(
+            f"size {_sides(wanted)} is too small to close on itself with patches of {_sides(sides)}: at least "
+            f"{_sides(sides + 2 * (extra + margin))} is needed"
+        )
+    layout = lay_out(wanted, sides, overlap, extra, margin, toroidal=bool(toroidal))
+    growth = Growth(swatch, layout, settings, margin, seed)
+    growth.grow(progress)
+    records = spread(
+        growth.records(), nearest=swatch.nearest, support=swatch.support, rounds=relax, period=layout.period, device=device
+    )
+    place = records["point"][:, :2]
+    for axis, length in enumerate(layout.period):
+        if length is not None:
+            place[:, axis] -= np.floor(place[:, axis] / length) * length
+    records = records[((place >= layout.low) & (place < layout.high)).all(axis=1)]
+    color = texture.points.color
     return PointSet(
-        swatch.to_world(records["point"] + (0, 0, swatch.origin[2])),
-        swatch.to_world(records["normal"].astype(float)),
+        swatch.to_world(records["point"] + (0.0, 0.0, swatch.origin[2])),
+        swatch.to_world(records["normal"].astype(np.float64)),
+        color=None if color is None else color[records["source"]],
         source=records["source"],
         moved=records["moved"],
-        notes=tuple(swatch.notes + grower.notes),
+        notes=(*swatch.notes, *growth.notes),
     )
 
 
-class _Grower:
-    """The growing output."""
-
-    def __init__(self, swatch: Swatch, layout: Layout, settings: Settings, seed: int) -> None:
-        self.swatch, self.layout, self.settings, self.seed = swatch, layout, settings, seed
-        self.notes: list[str] = []
-        side = float(settings.patch.min()) / 4
-        period = layout.period
-        self.out = Buckets(side, period)
-        self.sample = swatch.buckets(side)
-        self.reach = max(swatch.height, 2 * swatch.support)
-        # Distances count against unit gradients in half the height of the bounds.
-        self.scale = 2 / max(swatch.height, 4 * swatch.support)
-        field = swatch.field(settings.cell, self.reach)
-        field[..., 0] *= self.scale
-        self.columns = field.shape[:2]
-        self.layers = layer_heights(swatch.height, settings.cell)
-        self.search = PatchSearch(field, swatch.device)
-        self.fitter = PatchFitter(swatch, settings)
-
-    def positions(self, size: Array) -> tuple[int, int]:
-        """Nodes at which a patch of ``size`` may begin."""
-        cell = self.settings.cell
-        counts = [int(np.floor((self.swatch.base[i] - size[i]) / cell + 1e-9)) + 1 for i in range(2)]
-        return counts[0], counts[1]
-
-    def grow(self, progress: Callable[[int, int], None] | None) -> None:
-        done, total = 0, len(self.layout.places)
-        for level in self.layout.levels:
-            for begin in range(0, len(level), _AT_ONCE):
-                self._lay([self.layout.places[k] for k in level[begin : begin + _AT_ONCE]])
-            done += len(level)
-            if progress is not None:
-                progress(done, total)
-
-    def finished(self) -> Array:
-        return self.out.everything()
-
-    def _lay(self, places: list[PatchPlace]) -> None:
-        margin = self.layout_margin
-        old = [self.out.inside(p.low - margin, p.high + margin) for p in places]
-        for records, place in zip(old, places, strict=True):
-            records["point"][:, :2] -= place.origin
-        group = np.repeat(np.arange(len(places)), [len(r) for r in old])
-        together = np.concatenate(old)
-        surface = PointSurface(
-            together["point"], together["normal"], self.swatch.support, group=group, device=self.swatch.device
+def _check_amount(texture: GeometryTexture, size: Array, cell: float) -> None:
+    count = len(texture.points) * float(np.prod(size)) / float(np.prod(texture.base))
+    if count > _MOST_POINTS:
+        raise InputError(
+            f"size {_sides(size)} would take about {count:.3g} points, more than {_MOST_POINTS:.0e}; give a smaller size, "
+            "make a toroidal piece and repeat it, or thin the swatch (spacing)"
         )
-        begins = self._choose(places, surface)
-        new = [self._copy(place, begin) for place, begin in zip(places, begins, strict=True)]
-        made = self.fitter.fitted(places, old, surface, new)
-        for place, records in zip(places, made, strict=True):
-            records["point"][:, :2] += place.origin
-            inside = ((records["point"][:, :2] >= place.low) & (records["point"][:, :2] < place.high)).all(axis=1)
-            self.out.remove(place.low, place.high)
-            self.out.add(records[inside])
+    nodes = float(np.prod(texture.base / cell + 1)) * (texture.height / cell + 2)
+    if nodes > _MOST_NODES:
+        raise InputError(f"cell {cell:.4g} makes a field of {nodes:.3g} nodes, more than {_MOST_NODES:.0e}; give a larger one")
 
-    @property
-    def layout_margin(self) -> float:
-        return max(self.settings.extra, 2 * self.swatch.support)
 
-    def _choose(self, places: list[PatchPlace], surface: PointSurface) -> list[Array]:
-        """Return where in the swatch each patch begins (section 5.1)."""
-        cell = self.settings.cell
-        nodes, values, first = [], [], [0]
-        for place in places:
-            counts = [int(np.floor(side / cell + 1e-9)) + 1 for side in place.size]
-            i, j = np.meshgrid(np.arange(counts[0]), np.arange(counts[1]), indexing="ij")
-            there = place.overlapping(i * cell, j * cell)
-            flat = np.stack([i[there], j[there]], axis=1)
-            node = np.concatenate(
-                [np.repeat(flat, len(self.layers), axis=0), np.tile(np.arange(len(self.layers)), len(flat))[:, None]], axis=1
-            )
-            nodes.append(node)
-            first.append(first[-1] + len(node))
-        node = np.concatenate(nodes).reshape(-1, 3)
-        at = np.stack([node[:, 0] * cell, node[:, 1] * cell, self.layers[node[:, 2]]], axis=1)
-        group = np.repeat(np.arange(len(places)), np.diff(first))
-        value = signed_distance(surface, at, group=group, reach=self.reach)
-        value[:, 0] *= self.scale
-        positions = self.positions(places[0].size)
-        distance = self.search.distances(Overlaps(np.array(first), node, value), positions)
-        begins = []
-        for b, place in enumerate(places):
-            allowed = candidates(distance[b], self.settings.tolerance)
-            pick = uniform(self.seed, _SEED_STREAM, place.number, 0)
-            index = allowed[int(pick * len(allowed))]
-            begins.append(np.array(np.unravel_index(index, positions)) * cell)
-        return begins
-
-    def _copy(self, place: PatchPlace, begin: Array) -> Array:
-        """Return the swatch's geometry for a patch, its extra region and what the warp may pull in, at the patch's place."""
-        further = min(self.settings.extra, self.settings.weights.most_distance * float(self.settings.patch.min()))
-        records = self.sample.inside(begin - place.extra[:2] - further, begin + place.size + place.extra[2:] + further)
-        records["point"][:, :2] -= begin
-        return records
+def _sides(size: Array) -> str:
+    return f"{size[0]:.4g} x {size[1]:.4g}"

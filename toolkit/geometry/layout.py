@@ -26,6 +26,8 @@ class PatchPlace:
         How far what is there already reaches in from the left, bottom, right and top; 0 where nothing is.
     extra : (4,) array
         Width of the extra region E on those sides.
+    part : int
+        0, or which quarter of a patch it is, from 1.
     """
 
     number: int
@@ -33,6 +35,7 @@ class PatchPlace:
     size: Array
     overlap: Array
     extra: Array
+    part: int = 0
 
     @property
     def low(self) -> Array:
@@ -92,7 +95,7 @@ class PatchPlace:
 
     def quarters(self) -> list[PatchPlace]:
         """Return four patches of about half the size in its place, in scan-line order."""
-        made = []
+        made: list[PatchPlace] = []
         share = self.overlap.max() / 2
         half = (self.size + share) / 2
         step = self.size - half
@@ -113,7 +116,7 @@ class PatchPlace:
                     self.extra[3] if row else min(self.extra.max(), step[1]),
                 ]
             )
-            made.append(PatchPlace(self.number, self.origin + step * (column, row), half, overlap, extra))
+            made.append(PatchPlace(self.number, self.origin + step * (column, row), half, overlap, extra, len(made) + 1))
         return made
 
 
@@ -179,7 +182,7 @@ def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: flo
         counts.append(count)
     over = patch - np.array(steps)
     columns, rows = counts
-    places = []
+    places: list[PatchPlace] = []
     for row, column in product(range(rows), range(columns)):
         wrap_right, wrap_top = toroidal and column == columns - 1, toroidal and row == rows - 1
         overlaps = np.array(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from intaglio.errors import InputError
+from intaglio.geometry.normals import is_height_field
+from intaglio.geometry.swatch import Swatch
 
 Array = np.ndarray
 
@@ -46,6 +48,45 @@ PRESETS = {
 }
 
 
+# Median surface variation from which a swatch counts as thin wires.
+_WIRY = 0.08
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What patches are searched, warped and blended with; lengths in the input's unit. See `extend_geometry`."""
+
+    patch: Array
+    overlap: float
+    extra: float
+    cell: float
+    tolerance: float
+    max_error: float
+    weights: PairingWeights
+    pairs: int
+    rounds: int
+    smoothing: float
+    warp: bool
+    blend: bool
+
+    def with_weights(self, weights: PairingWeights) -> Settings:
+        """Return the same settings with other weights."""
+        return replace(self, weights=weights)
+
+
+def suited_weights(swatch: Swatch) -> tuple[str, PairingWeights]:
+    """Return the name and weights of the preset that suits a swatch.
+
+    After the paper's remarks on Table 1: features that are large against the sampling want more weight on normals and
+    variation, small ones less and smoother pairs.
+    """
+    if is_height_field(swatch.records["point"], 2, swatch.spacing):
+        name = "height field"
+    else:
+        name = "chain mail" if float(np.median(swatch.records["variation"])) > _WIRY else "weave"
+    return name, PRESETS[name]
+
+
 def checked_weights(weights: PairingWeights | str) -> PairingWeights | None:
     """Return the weights that a name or a record gives, None for ``"auto"``."""
     if isinstance(weights, PairingWeights):
@@ -62,12 +103,12 @@ def checked_weights(weights: PairingWeights | str) -> PairingWeights | None:
     return PRESETS[weights]
 
 
-def pair(value: object, name: str, *, zero: bool = False) -> Array:
+def one_or_two(value: object, name: str) -> Array:
     """Return one or two positive numbers as two."""
     try:
         numbers = np.asarray(value, float).reshape(-1)
     except (TypeError, ValueError) as problem:
         raise InputError(f"{name} must be one or two numbers, not {value!r}") from problem
-    if len(numbers) not in (1, 2) or not np.isfinite(numbers).all() or (numbers < 0).any() or (not zero and (numbers == 0).any()):
-        raise InputError(f"{name} must be one or two {'numbers of at least 0' if zero else 'positive numbers'}, not {value!r}")
+    if len(numbers) not in (1, 2) or not np.isfinite(numbers).all() or (numbers <= 0).any():
+        raise InputError(f"{name} must be one or two positive numbers, not {value!r}")
     return np.broadcast_to(numbers, 2).astype(float)

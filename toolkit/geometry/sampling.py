@@ -5,12 +5,20 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from intaglio.errors import InputError
 from intaglio.randomness import uniform
 
 Array = np.ndarray
 
+# A Poisson-disk choice of radius r has about one sample on (1.09 r)^2.
+RADIUS = 1 / 1.09
+
 _NEIGHBOURS = 8
-_STREAM = 62
+# Random samples for each one that is kept.
+_DENSE = 8
+# Samples of a mesh where no spacing is given.
+_USUAL = 50_000
+_STREAM, _PLACES = 62, 63
 # Samples of largest density measured: more would only cost time.
 _MEASURED = 20_000
 
@@ -38,6 +46,12 @@ def local_spacing(points: Array, normals: Array | None = None) -> Array:
     return distance[:, column] * np.sqrt(np.pi / (column + 1.5))
 
 
+def usual_nearest(points: Array) -> float:
+    """Return the median distance of nearest neighbours, of an even choice of 20,000 points if there are more."""
+    chosen = np.linspace(0, len(points) - 1, min(len(points), _MEASURED)).astype(int)
+    return float(np.median(cKDTree(points).query(points[chosen], 2)[0][:, 1]))
+
+
 def thinned(points: Array, normals: Array, radius: float, seed: int = 0) -> Array:
     """Return the indices of a Poisson-disk choice: none nearer to another on its side than ``radius``, and no room for more.
 
@@ -60,3 +74,36 @@ def thinned(points: Array, normals: Array, radius: float, seed: int = 0) -> Arra
         early, late = early[alive], late[alive]
     state[state == 0] = 1
     return np.flatnonzero(state == 1)
+
+
+def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed: int) -> tuple[Array, Array, Array, Array]:
+    """Return points (K, 3), normals (K, 3), faces (K,) and barycentric weights (K, 3) spread evenly over triangles.
+
+    Random samples, eight for each one wanted, thinned to Poisson disks.
+
+    Raises
+    ------
+    InputError
+        If the triangles have no area, or ``spacing`` asks for more than ten million samples.
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    area = 0.5 * np.linalg.norm(cross, axis=1)
+    total = float(area.sum())
+    if not total > 0:
+        raise InputError("the mesh has no area")
+    spacing = np.sqrt(total / _USUAL) if spacing is None else spacing
+    count = total / spacing**2
+    if count > 1e7:
+        raise InputError(f"spacing {spacing:g} asks for {count:.3g} samples of the mesh, at most 10 million; give a larger one")
+    number = np.arange(max(int(_DENSE * count), 1))
+    # Stratified along the running area: as even as random places can be.
+    where = (number + uniform(seed, _PLACES, number, 0)) / len(number) * total
+    face = np.minimum(np.searchsorted(np.cumsum(area), where), len(faces) - 1)
+    u, v = uniform(seed, _PLACES, number, 1), uniform(seed, _PLACES, number, 2)
+    root = np.sqrt(u)
+    weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
+    points = np.einsum("nk,nkc->nc", weights, vertices[faces[face]])
+    normals = cross[face] / (2 * np.maximum(area[face], 1e-300))[:, None]
+    chosen = thinned(points, normals, RADIUS * spacing, seed)
+    return points[chosen], normals[chosen], face[chosen], weights[chosen]

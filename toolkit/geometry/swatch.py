@@ -7,6 +7,7 @@ import numpy as np
 from intaglio.errors import InputError
 from intaglio.geometry.buckets import RECORD, Buckets
 from intaglio.geometry.point_set import GeometryTexture
+from intaglio.geometry.sampling import usual_nearest
 from intaglio.kernels.distance_fields import signed_distance
 from intaglio.kernels.points import PointSurface
 
@@ -69,6 +70,7 @@ class Swatch:
         self.records["normal"] = texture.points.normals[:, self.axes]
         self.records["source"] = np.arange(len(points))
         self.surface = PointSurface(self.records["point"], self.records["normal"], self.support, device=device)
+        self.nearest = usual_nearest(self.records["point"])
         self.records["variation"] = self.surface.variation(2 * self.support)
 
     def buckets(self, side: float) -> Buckets:

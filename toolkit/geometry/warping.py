@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from intaglio.kernels.launch import single_threaded_blas
+from intaglio.kernels.splines import Splines
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True)
-class Splines:
-    """Warps of several patches, W(x) = A x + b + Σ w_i |x - c_i|.
-
-    Attributes
-    ----------
-    first : (B + 1,) int array
-        Where each patch's centres begin.
-    centers, weights : (n, 3) arrays
-    linear, offset : (B, 3, 3), (B, 3) arrays
-    """
-
-    first: Array
-    centers: Array
-    weights: Array
-    linear: Array
-    offset: Array
 
 
 def solve_splines(sources: list[Array], targets: list[Array], smoothing: float) -> Splines:

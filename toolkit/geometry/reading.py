@@ -1,0 +1,159 @@
+"""Reading swatches of geometry texture from files of points, meshes and height maps."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intaglio.errors import FileError, InputError
+from intaglio.files import check_readable
+from intaglio.geometry.point_set import GeometryTexture
+from intaglio.geometry.texture import geometry_from_height, geometry_from_mesh, geometry_from_points
+from intaglio.images import READABLE_SUFFIXES, read_image
+from intaglio.mesh_reading import load_mesh, vertex_colors
+
+Array = np.ndarray
+
+_POINTS = (".xyz", ".txt", ".pts")
+_MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
+# Of a height map's shorter side, where its range is not given.
+_RELIEF = 0.1
+
+
+def read_geometry_texture(
+    path: str | os.PathLike[str],
+    *,
+    bounds: Array | None = None,
+    axis: int | str | None = None,
+    spacing: float | None = None,
+    height: float | None = None,
+    pixel: float = 1.0,
+    seed: int = 0,
+) -> GeometryTexture:
+    """Read a swatch of geometry texture.
+
+    Parameters
+    ----------
+    path : path
+        Points: .ply, .obj (``v`` and ``vn`` lines without faces) or .xyz, .txt, .pts (x y z, or x y z nx ny nz, a line
+        each). Meshes, which are sampled evenly: .ply, .obj, .stl, .off, .gltf, .glb. Height maps: .png, .tif, .exr, .jpg.
+    bounds : (2, 3) array, optional
+        The box that is the texture. Default: the extent of the points.
+    axis : 0, 1, 2 or "x", "y", "z", optional
+        Height axis. Default: the least extent.
+    spacing : float, optional
+        Distance of samples: of a mesh or height map that is sampled, or to which points are thinned.
+    height : float, optional
+        For height maps: the height of white over black (of 1 over 0), in the unit of ``pixel``. Default a tenth of the
+        shorter side; EXR and TIFF of floats hold heights as they are.
+    pixel : float
+        For height maps: side of a pixel.
+    seed : int
+        For sampling.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, empty, damaged or of no known kind.
+    InputError
+        If its content is no usable swatch; see `geometry_from_points`.
+    """
+    path = check_readable(path)
+    kind = path.suffix.lower()
+    common: dict[str, Any] = {"bounds": bounds, "spacing": spacing}
+    try:
+        if kind in _POINTS:
+            points, normals = _table(path)
+            return geometry_from_points(points, normals, axis=axis, **common)
+        if kind == ".obj" and (found := _obj_points(path)) is not None:
+            return geometry_from_points(*found, axis=axis, **common)
+        if kind in _MESHES:
+            return _from_mesh_file(path, axis, common, seed)
+        if kind in READABLE_SUFFIXES:
+            return _from_picture(path, height, pixel, common, seed)
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from problem
+    known = (*_POINTS, *_MESHES, *READABLE_SUFFIXES)
+    raise FileError(f"{path}: unknown type {kind!r} of a swatch; known: {', '.join(sorted(set(known)))}")
+
+
+def _table(path: Path) -> tuple[Array, Array | None]:
+    """Rows of x y z, or x y z nx ny nz; commas count as spaces, lines that begin with # or // are skipped."""
+    rows: list[list[float]] = []
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            words = line.replace(",", " ").replace(";", " ").split()
+            if not words or words[0].startswith(("#", "//")):
+                continue
+            # The .pts format, and some writers of .xyz, begin with the number of points.
+            if not rows and len(words) == 1 and words[0].isdigit():
+                continue
+            try:
+                rows.append([float(word) for word in words])
+            except ValueError as problem:
+                raise FileError(f"{path}: line {number} holds {line.strip()[:40]!r} where numbers are needed") from problem
+    widths = {len(row) for row in rows}
+    if len(widths) != 1 or not widths <= {3, 6}:
+        raise FileError(f"{path}: lines must hold 3 numbers (x y z) or 6 (x y z nx ny nz), all alike; found {sorted(widths)}")
+    table = np.array(rows)
+    return table[:, :3], table[:, 3:] if table.shape[1] == 6 else None
+
+
+def _obj_points(path: Path) -> tuple[Array, Array | None] | None:
+    """Points and normals of an OBJ file without faces; None where it has faces."""
+    points: list[list[float]] = []
+    normals: list[list[float]] = []
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            words = line.split()
+            if not words or words[0] not in ("v", "vn", "f", "fo"):
+                continue
+            if words[0] in ("f", "fo"):
+                return None
+            try:
+                (points if words[0] == "v" else normals).append([float(word) for word in words[1:4]])
+            except ValueError as problem:
+                raise FileError(f"{path}: line {number} holds {line.strip()[:40]!r} where numbers are needed") from problem
+    if any(len(row) != 3 for row in points + normals):
+        raise FileError(f"{path}: has points or normals of fewer than 3 numbers")
+    if normals and len(normals) != len(points):
+        raise InputError(f"holds {len(points)} points but {len(normals)} normals; a normal for each, or none, is needed")
+    return np.array(points).reshape(-1, 3), np.array(normals) if normals else None
+
+
+def _from_mesh_file(path: Path, axis: int | str | None, common: dict[str, Any], seed: int) -> GeometryTexture:
+    mesh = load_mesh(path)
+    vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), np.float64)
+    if not len(vertices):
+        raise InputError("holds no points")
+    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
+    color = vertex_colors(mesh, len(vertices))
+    if len(faces):
+        return geometry_from_mesh(vertices, faces, color=color, axis=axis, seed=seed, **common)
+    return geometry_from_points(vertices, _ply_normals(mesh, len(vertices)), color=color, axis=axis, **common)
+
+
+def _ply_normals(mesh: Any, count: int) -> Array | None:
+    data = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("data")
+    take: Callable[[str], Any] = (lambda name: data[name]) if data is not None else (lambda name: None)
+    try:
+        parts = [np.asarray(take(name), np.float64).reshape(-1) for name in ("nx", "ny", "nz")]
+    except (KeyError, ValueError, TypeError, IndexError):
+        return None
+    return np.stack(parts, axis=1) if all(len(part) == count for part in parts) else None
+
+
+def _from_picture(path: Path, height: float | None, pixel: float, common: dict[str, Any], seed: int) -> GeometryTexture:
+    picture = read_image(path, linear=True)
+    gray = picture.mean(axis=2) if picture.ndim == 3 else picture
+    note: tuple[str, ...] = ()
+    if height is None and path.suffix.lower() not in (".exr", ".tif", ".tiff"):
+        height = _RELIEF * min(gray.shape) * pixel
+        note = (f"the height of white over black was taken as {height:.4g}, a tenth of the shorter side; give height to set it",)
+    made = geometry_from_height(gray * (1.0 if height is None else height), pixel=pixel, seed=seed, **common)
+    return replace(made, notes=made.notes + note)

@@ -1,0 +1,295 @@
+"""Geometry textures from points, meshes and height maps: checked, measured, with normals."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from intaglio.checks import checked_number
+from intaglio.errors import InputError, IntaglioWarning
+from intaglio.geometry.normals import estimate_normals
+from intaglio.geometry.point_set import GeometryTexture, PointSet
+from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thinned
+
+Array = np.ndarray
+
+_FEWEST = 32
+# Local distances of samples (2 % and 98 % quantiles) may differ by this factor.
+MOST_UNEVEN = 3.0
+# A larger share of points with an opposing surface nearer than this many distances of samples is warned of.
+_OPPOSED_NEAR, _OPPOSED_SHARE = 0.75, 0.01
+# Below this share of the bounds covered by the points' hull, the swatch is no rectangle.
+_FULL = 0.9
+
+
+def geometry_from_points(
+    points: Array,
+    normals: Array | None = None,
+    *,
+    color: Array | None = None,
+    bounds: Array | None = None,
+    axis: int | str | None = None,
+    spacing: float | None = None,
+) -> GeometryTexture:
+    """Make a geometry texture of points.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        At least 32, in any unit.
+    normals : (N, 3) array, optional
+        Any length above 0; they point out of the solid. Default: estimated (see the texture's notes).
+    color : (N, 3) array, optional
+        Linear.
+    bounds : (2, 3) array, optional
+        The box that is the texture; geometry should reach past it in the reference plane. Default: the points' own extent,
+        of which `extend_geometry` takes off the padding it needs.
+    axis : 0, 1, 2 or "x", "y", "z", optional
+        Height axis; default the one along which the points extend least.
+    spacing : float, optional
+        Thin the points evenly to about this distance, in the points' unit. Default: all are kept.
+
+    Raises
+    ------
+    InputError
+        For too few points, NaN, wrong shapes, zero normals, bounds without area, or height, or points in them, and for
+        sampling whose distances differ by more than a factor of 3 (2 % and 98 % quantiles).
+
+    Warns
+    -----
+    IntaglioWarning
+        If opposing surfaces lie closer than the sampling can tell apart, or the points fill no rectangle.
+    """
+    positions = _finite(points, "points")
+    if len(positions) < _FEWEST:
+        raise InputError(f"{len(positions)} points are too few for a geometry texture; at least {_FEWEST} are needed")
+    notes: list[str] = []
+    directions = None if normals is None else _unit(_finite(normals, "normals"), len(positions))
+    colors = None if color is None else np.asarray(color, np.float32)
+    if colors is not None and colors.shape != positions.shape:
+        raise InputError(f"color must have the shape {positions.shape} of the points, not {colors.shape}")
+    _, first = np.unique(positions, axis=0, return_index=True)
+    if len(first) < len(positions):
+        notes.append(f"{len(positions) - len(first)} points that lie exactly on another were left out")
+        first = np.sort(first)
+        positions = positions[first]
+        directions = None if directions is None else directions[first]
+        colors = None if colors is None else colors[first]
+        if len(positions) < _FEWEST:
+            raise InputError(f"only {len(positions)} points differ; at least {_FEWEST} are needed")
+    height_axis = _axis(axis, positions)
+    given = None if bounds is None else _bounds(bounds, height_axis)
+    if directions is None:
+        measured = float(np.median(local_spacing(positions)))
+        directions, note = estimate_normals(positions, height_axis, measured)
+        notes.append(note)
+    if spacing is not None:
+        keep = thinned(positions, directions, RADIUS * checked_number("spacing", spacing, np.finfo(float).tiny))
+        if len(keep) < _FEWEST:
+            raise InputError(f"spacing {spacing:g} leaves {len(keep)} points; at least {_FEWEST} are needed: give a smaller one")
+        notes.append(f"thinned from {len(positions)} to {len(keep)} points")
+        positions, directions = positions[keep], directions[keep]
+        colors = None if colors is None else colors[keep]
+    local = local_spacing(positions, directions)
+    if not np.isfinite(local).all():
+        local = local_spacing(positions)
+    low, typical, high = np.quantile(local, [0.02, 0.5, 0.98])
+    if high > MOST_UNEVEN * low:
+        raise InputError(
+            f"the points are spread unevenly: distances of samples range from {low:.4g} to {high:.4g}, a factor of "
+            f"{high / max(low, 1e-300):.1f} (at most {MOST_UNEVEN:g}); give spacing={high:.3g} to thin them evenly, "
+            "or sample the surface again"
+        )
+    box = np.stack([positions.min(axis=0), positions.max(axis=0)]) if given is None else given
+    _check_inside(positions, box, height_axis)
+    if given is None:
+        _warn_of_shape(positions, height_axis)
+    _warn_of_opposing(positions, directions, float(typical))
+    return GeometryTexture(PointSet(positions, directions, color=colors), box, height_axis, float(typical), tuple(notes))
+
+
+def geometry_from_mesh(
+    vertices: Array,
+    faces: Array,
+    *,
+    color: Array | None = None,
+    spacing: float | None = None,
+    bounds: Array | None = None,
+    axis: int | str | None = None,
+    seed: int = 0,
+) -> GeometryTexture:
+    """Make a geometry texture of a triangle mesh, sampled evenly (Poisson disks).
+
+    Parameters
+    ----------
+    vertices : (N, 3) array
+    faces : (F, 3) int array
+        Counter-clockwise from outside: normals are those of the triangles.
+    color : (N, 3) array, optional
+        Linear, at the vertices.
+    spacing : float, optional
+        Distance of samples; default gives about 50,000.
+    bounds, axis
+        As for `geometry_from_points`.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        For a mesh without area, and as `geometry_from_points` does.
+    """
+    corners = _finite(vertices, "vertices")
+    triangles = np.asarray(faces)
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu" or not len(triangles):
+        raise InputError(f"faces must be an (F, 3) array of vertex numbers, not {triangles.dtype} {triangles.shape}")
+    if triangles.min() < 0 or triangles.max() >= len(corners):
+        raise InputError(f"faces name vertices {triangles.min()} to {triangles.max()}; there are {len(corners)}")
+    distance = None if spacing is None else checked_number("spacing", spacing, np.finfo(float).tiny)
+    points, normals, face, weights = sample_triangles(corners, triangles, distance, seed)
+    colors = None
+    if color is not None:
+        colors = np.einsum("nk,nkc->nc", weights, np.asarray(color, np.float32)[triangles[face]])
+    return geometry_from_points(points, normals, color=colors, bounds=bounds, axis=axis)
+
+
+def geometry_from_height(
+    height: Array,
+    *,
+    pixel: float = 1.0,
+    spacing: float | None = None,
+    bounds: Array | None = None,
+    seed: int = 0,
+) -> GeometryTexture:
+    """Make a geometry texture of a height map: a point for every pixel, x right, y up (row 0 is the top), z the height.
+
+    Parameters
+    ----------
+    height : (H, W) array
+        In the unit of ``pixel``.
+    pixel : float
+        Side of a pixel.
+    spacing : float, optional
+        Sample the surface evenly at this distance instead, as steep maps need.
+    bounds : (2, 3) array, optional
+        As for `geometry_from_points`.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If the map is no finite (H, W) array of at least 6 x 6, and as `geometry_from_points` does.
+    """
+    heights = np.asarray(height, np.float64)
+    if heights.ndim != 2 or min(heights.shape) < 6:
+        raise InputError(f"height must be an (H, W) array of at least 6 x 6, not {heights.shape}")
+    if not np.isfinite(heights).all():
+        raise InputError(f"height has {int((~np.isfinite(heights)).sum())} values that are not finite; fill or crop them")
+    side = checked_number("pixel", pixel, np.finfo(float).tiny)
+    rows, columns = heights.shape
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (rows - 0.5 - np.arange(rows)) * side)
+    points = np.stack([x, y, heights], axis=-1).reshape(-1, 3)
+    if spacing is not None:
+        number = np.arange(rows * columns).reshape(rows, columns)
+        a, b, c, d = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+        faces = np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).reshape(-1, 3)
+        return geometry_from_mesh(points, faces, spacing=spacing, bounds=bounds, axis=2, seed=seed)
+    down, right = np.gradient(heights, side)
+    normals = np.stack([-right, down, np.ones_like(heights)], axis=-1).reshape(-1, 3)
+    return geometry_from_points(points, normals, bounds=bounds, axis=2)
+
+
+def _finite(value: Array, name: str) -> Array:
+    try:
+        array = np.ascontiguousarray(value, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"{name} must be an (N, 3) array of numbers ({problem})") from problem
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must be an (N, 3) array, not {array.shape}")
+    bad = int((~np.isfinite(array)).any(axis=1).sum())
+    if bad:
+        raise InputError(f"{bad} of {len(array)} {name} hold NaN or infinity; leave those points out")
+    return array
+
+
+def _unit(normals: Array, count: int) -> Array:
+    if len(normals) != count:
+        raise InputError(f"there are {len(normals)} normals for {count} points")
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    zero = int((length == 0).sum())
+    if zero:
+        raise InputError(f"{zero} normals are zero; leave the normals out to have them estimated")
+    return normals / length
+
+
+def _axis(axis: int | str | None, points: Array) -> int:
+    if axis is None:
+        return int(np.argmin(np.ptp(points, axis=0)))
+    known = {"x": 0, "y": 1, "z": 2, 0: 0, 1: 1, 2: 2}
+    if isinstance(axis, bool) or axis not in known:
+        raise InputError(f"axis must be x, y or z (0, 1, 2), not {axis!r}")
+    return known[axis]
+
+
+def _bounds(bounds: Array | Sequence[Sequence[float]], axis: int) -> Array:
+    box = np.asarray(bounds, np.float64)
+    if box.shape != (2, 3) or not np.isfinite(box).all():
+        raise InputError(f"bounds must be two finite corners, a (2, 3) array, not {np.shape(bounds)}")
+    size = box[1] - box[0]
+    for k in range(3):
+        if size[k] <= 0:
+            what = "height" if k == axis else "extent"
+            raise InputError(f"bounds have no {what} along {'xyz'[k]}: from {box[0, k]:g} to {box[1, k]:g}")
+    return box
+
+
+def _check_inside(points: Array, box: Array, axis: int) -> None:
+    plane = [(axis + 1) % 3, (axis + 2) % 3]
+    within = ((points[:, plane] >= box[0, plane]) & (points[:, plane] <= box[1, plane])).all(axis=1)
+    if within.sum() < _FEWEST:
+        low, high = points.min(axis=0), points.max(axis=0)
+        raise InputError(
+            f"only {int(within.sum())} points lie within the bounds; the points reach from {np.round(low, 4).tolist()} "
+            f"to {np.round(high, 4).tolist()}"
+        )
+    if (box[1, plane] <= box[0, plane]).any():
+        raise InputError("the points lie on a line: a geometry texture needs extent along two axes")
+    tall = float(((points[within, axis] < box[0, axis]) | (points[within, axis] > box[1, axis])).mean())
+    if tall > 0.01:
+        warnings.warn(
+            f"{100 * tall:.0f} % of the points lie above or below the bounds along {'xyz'[axis]}; matching does not look there",
+            IntaglioWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_shape(points: Array, axis: int) -> None:
+    plane = points[:, [(axis + 1) % 3, (axis + 2) % 3]]
+    try:
+        share = ConvexHull(plane).volume / np.prod(np.ptp(plane, axis=0))
+    except QhullError:
+        return
+    if share < _FULL:
+        warnings.warn(
+            f"the points fill only {100 * share:.0f} % of their rectangle; give bounds that lie inside of them",
+            IntaglioWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_opposing(points: Array, normals: Array, spacing: float) -> None:
+    chosen = np.linspace(0, len(points) - 1, min(len(points), 20_000)).astype(int)
+    near = _OPPOSED_NEAR * spacing
+    distance, index = cKDTree(points).query(points[chosen], min(16, len(points)), distance_upper_bound=near)
+    found = np.isfinite(distance)
+    index = np.where(found, index, 0)
+    opposed = (found & ((normals[index] * normals[chosen, None]).sum(axis=2) < -0.5)).any(axis=1)
+    if opposed.mean() > _OPPOSED_SHARE:
+        warnings.warn(
+            f"{100 * opposed.mean():.0f} % of the points have an opposing surface nearer than {near:.3g}, three quarters of the "
+            "distance of samples: such sheets may grow together; sample more densely",
+            IntaglioWarning,
+            stacklevel=3,
+        )

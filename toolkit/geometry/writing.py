@@ -1,0 +1,65 @@
+"""Writing points with normals and provenance."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.errors import FileError
+from intaglio.files import whole_file
+from intaglio.geometry.point_set import PointSet
+from intaglio.mesh_writing import color_fields, ply_table
+
+Array = np.ndarray
+
+POINT_SUFFIXES = (".ply", ".xyz", ".obj")
+
+
+def write_points(points: PointSet, path: str | os.PathLike[str]) -> None:
+    """Write points.
+
+    PLY (binary, positions in double precision) keeps everything: normals, ``source``, ``moved``, colours, and the notes as
+    comments. XYZ (x y z nx ny nz) and OBJ (``v`` and ``vn``) keep positions and normals, with all digits.
+
+    Raises
+    ------
+    FileError
+        For an unknown type, or if the file can't be written.
+    """
+    path = Path(path)
+    writer = {".ply": _write_ply, ".xyz": _write_xyz, ".obj": _write_obj}.get(path.suffix.lower())
+    if writer is None:
+        raise FileError(f"{path}: unknown type {path.suffix!r} of points; known: {', '.join(POINT_SUFFIXES)}")
+    with whole_file(path) as beside:
+        writer(points, beside)
+
+
+def _write_ply(points: PointSet, path: Path) -> None:
+    fields: list[tuple[str, str, Array]] = [(n, "double", points.points[:, i]) for i, n in enumerate("xyz")]
+    fields += [(n, "float", points.normals[:, i]) for i, n in enumerate(("nx", "ny", "nz"))]
+    if points.source is not None:
+        fields.append(("source", "int", points.source))
+    if points.moved is not None:
+        fields.append(("moved", "float", points.moved))
+    if points.color is not None:
+        fields += color_fields(points.color)
+    table, properties = ply_table(fields, len(points))
+    header = ["ply", "format binary_little_endian 1.0", "comment intaglio points"]
+    header += [f"comment note {json.dumps(note)}" for note in points.notes]
+    header += [f"element vertex {len(points)}", *properties, "end_header", ""]
+    with open(path, "wb") as file:
+        file.write("\n".join(header).encode("ascii"))
+        file.write(table.tobytes())
+
+
+def _write_xyz(points: PointSet, path: Path) -> None:
+    np.savetxt(path, np.concatenate([points.points, points.normals], axis=1), fmt=["%.17g"] * 3 + ["%.9g"] * 3)
+
+
+def _write_obj(points: PointSet, path: Path) -> None:
+    with open(path, "w", encoding="ascii") as file:
+        np.savetxt(file, points.points, fmt="v %.17g %.17g %.17g")
+        np.savetxt(file, points.normals, fmt="vn %.9g %.9g %.9g")
