@@ -85,7 +85,6 @@ def list_sources_kernel(
     targets: wp.array(dtype=wp.vec3),
     target_normals: wp.array(dtype=wp.vec3),
     target_variation: wp.array(dtype=float),
-    group: wp.array(dtype=wp.int32),
     weights: PairWeights,
     coherent: int,
     length: wp.array(dtype=float),
@@ -103,7 +102,7 @@ def list_sources_kernel(
         listed[i, k] = -1
         cost[i, k] = float(3.0e38)
     reach = weights.most_position * weights.unit
-    for j in wp.hash_grid_query(grid, q, reach, group[i]):
+    for j in wp.hash_grid_query(grid, q, reach, 0):
         d = (sources[j] - q) / weights.unit
         r = wp.length(d)
         turned = 0.5 * (1.0 - wp.dot(normals[j], n))
@@ -131,22 +130,22 @@ def choose_pairs_kernel(
     start: int,
     first: wp.array(dtype=wp.int32),
     listed: wp.array2d(dtype=wp.int32),
-    round: int,
     # output
-    taken: wp.array(dtype=wp.int32),
     pair: wp.array(dtype=wp.int32),
 ):
-    """Targets of a patch choose in order, each the first of its list that no other has taken in this round."""
+    """Targets of a patch choose in order, each the first of its list that none before it has chosen."""
     g = start + wp.tid()
     for i in range(first[g], first[g + 1]):
         chosen = int(-1)
         for k in range(_LISTED):
             s = listed[i, k]
             if chosen < 0 and s >= 0:
-                if taken[s] != round:
+                free = int(1)
+                for before in range(first[g], i):
+                    if pair[before] == s:
+                        free = 0
+                if free == 1:
                     chosen = s
-        if chosen >= 0:
-            taken[chosen] = round
         pair[i] = chosen
 
 
@@ -189,7 +188,7 @@ class PairCosts:
 
 @dataclass(frozen=True)
 class Targets:
-    """Points of several patches, sorted by patch, that sources are looked for.
+    """Points of several patches, sorted by patch, that sources are looked for; in the sources' coordinates.
 
     Attributes
     ----------
@@ -217,7 +216,8 @@ def pair_points(
     Parameters
     ----------
     surface : PointSurface
-        The sources; patch b's are its group b. Indices returned are into the points as given.
+        The sources, one group; the patches share them, a source serves one target of each. Indices returned are into the
+        points as given.
     variation : (m,) array
         Surface variation of the sources.
     targets : Targets
@@ -238,7 +238,6 @@ def pair_points(
     sources_bent = wp.array(np.ascontiguousarray(variation, np.float32)[surface.order], dtype=float, device=device)
     listed = wp.empty((count, _LISTED), dtype=wp.int32, device=device)
     cost = wp.empty((count, _LISTED), dtype=float, device=device)
-    taken = wp.full(len(surface), -1, dtype=wp.int32, device=device)
     pair = wp.full(count, -1, dtype=wp.int32, device=device)
     near = wp.zeros(count, dtype=float, device=device)
     toward = wp.zeros(count, dtype=wp.vec3, device=device)
@@ -252,13 +251,13 @@ def pair_points(
             list_sources_kernel,
             count,
             [
-                surface.grid, surface.points, surface.normals, sources_bent, points, normals, bent, group, weights,
+                surface.grid, surface.points, surface.normals, sources_bent, points, normals, bent, weights,
                 int(turn > 0), near, toward,
             ],
             [listed, cost],
             device=device,
             work=5000,
         )  # fmt: skip
-        launch(choose_pairs_kernel, len(targets.first) - 1, [first, listed, turn], [taken, pair], device=device, work=2000)
+        launch(choose_pairs_kernel, len(targets.first) - 1, [first, listed], [pair], device=device, work=20000)
     chosen = pair.numpy()
     return np.where(chosen >= 0, surface.order[np.maximum(chosen, 0)], -1)

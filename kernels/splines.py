@@ -45,16 +45,14 @@ def warp_kernel(
     j2 = wp.vec3()
     for k in range(first[g], first[g + 1]):
         d = x - centers[k]
-        r = wp.length(d)
+        # The kernel has a kink at its centre; its mean slope there is 0, which the small number makes of 0 / 0.
+        r = wp.sqrt(wp.dot(d, d) + 1.0e-30)
         w = weights[k]
         moved += r * w
-        # The kernel has a kink at its centre; its mean slope there is 0.
-        inverse = float(0.0)
-        if r > 1.0e-12:
-            inverse = 1.0 / r
-        j0 += (w[0] * inverse) * d
-        j1 += (w[1] * inverse) * d
-        j2 += (w[2] * inverse) * d
+        d = d / r
+        j0 += w[0] * d
+        j1 += w[1] * d
+        j2 += w[2] * d
     a = linear[g]
     j0 += wp.vec3(a[0, 0], a[0, 1], a[0, 2])
     j1 += wp.vec3(a[1, 0], a[1, 1], a[1, 2])

@@ -48,7 +48,7 @@ def _wander(at: Array, rng: np.random.Generator, amount: float, length: float) -
     return amount * np.sin(at[:, None] * waves + rng.uniform(0, 2 * np.pi, 4)).sum(axis=1) / np.sqrt(2)
 
 
-def weave(threads: int = 20, spacing: float = 0.055, seed: int = 1) -> tuple[Array, Array, Array]:
+def weave(threads: int = 10, spacing: float = 0.088, seed: int = 1) -> tuple[Array, Array, Array]:
     """Return points, normals and thread number of a plain weave of ``threads`` each way, a unit apart; no two cross alike."""
     rng = np.random.default_rng(seed)
     radius, rise = 0.24, 0.27
@@ -77,7 +77,7 @@ def ring_line(center: Array, tilt: float, radius: float, turn: float = 0.0, coun
     return circle @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + center
 
 
-def chain_mail(columns: int = 9, rows: int = 16, spacing: float = 0.075, seed: int = 2) -> tuple[Array, Array, Array]:
+def chain_mail(columns: int = 7, rows: int = 14, spacing: float = 0.096, seed: int = 2) -> tuple[Array, Array, Array]:
     """Return points, normals and ring number of four-in-one mail: each ring hangs in two of the row above and two below."""
     rng = np.random.default_rng(seed)
     radius, wire = 1.0, 0.17
@@ -97,4 +97,4 @@ def chain_mail(columns: int = 9, rows: int = 16, spacing: float = 0.075, seed: i
 
 
 # Distance of rings in a row, of rows, and the tilt of a ring, for rings of radius 1 and wire of 0.17.
-MAIL = (2.4, 0.7, 0.6)
+MAIL = (2.5, 0.7, 0.6)

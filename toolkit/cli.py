@@ -13,6 +13,7 @@ import click
 import numpy as np
 
 import intaglio
+from intaglio.cli_geometry import extend
 from intaglio.cli_options import Extent, Numbers, common, image_size, known_suffix, render_on, unless_given
 from intaglio.cli_photographs import restore, texture
 from intaglio.cli_photometric import assess, relight, represent
@@ -36,7 +37,7 @@ def cli() -> None:
     """Complete, synthesise and relight the fine surface texture of real objects, render it, and measure it."""
 
 
-for _command in (represent, relight, assess, synthesize, rank, texture, restore):
+for _command in (represent, relight, assess, synthesize, rank, texture, restore, extend):
     cli.add_command(_command)
 
 

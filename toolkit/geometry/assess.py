@@ -2,18 +2,147 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from intaglio.geometry.point_set import PointSet
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.geometry.point_set import GeometryTexture, PointSet
+from intaglio.geometry.swatch import SUPPORT
+from intaglio.kernels.points import PointSurface
+from intaglio.kernels.relaxation import gaps
 
 Array = np.ndarray
 
 # Neighbours of one surface have normals this alike (cosine).
-_ALIKE = 0.5
-_SECTORS = 6
+_ALIKE = 0.7
+# Of a usual distance of nearest neighbours: what counts as a hole, and as an open border rather than a hole.
+HOLE, _BORDER = 3.0, 8.0
+
+
+@dataclass(frozen=True)
+class GeometryReport:
+    """Figures of an extended geometry texture.
+
+    Attributes
+    ----------
+    points : int
+    nearest : float
+        Median distance of nearest neighbours over that of the swatch: 1 is alike.
+    nearest_emd : float
+        Earth mover's distance of these distances' distributions, over the swatch's median.
+    holes : float
+        Share of points beside a hole wider than three of the swatch's median distances; ``swatch_holes`` of the swatch.
+    swatch_holes : float
+    widest : float
+        Widest hole over the swatch's median distance, up to 8; beyond counts as an open border.
+    normal_angle : float
+        Median angle, in degrees, between normals and the surface of their neighbours.
+    step, step_high : float
+        Median and 99 % quantile of the step between the surfaces of neighbouring patches, over the distance of samples;
+        NaN where no patches meet.
+    moved : float
+        Median of how far points were moved, over the distance of samples.
+    """
+
+    points: int
+    nearest: float
+    nearest_emd: float
+    holes: float
+    swatch_holes: float
+    widest: float
+    normal_angle: float
+    step: float
+    step_high: float
+    moved: float
+
+    def lines(self) -> list[str]:
+        """Return the figures in words."""
+        return [
+            f"{self.points} points; nearest neighbours {self.nearest:.3f} of the swatch's median, EMD {self.nearest_emd:.3f}",
+            f"beside a hole wider than {HOLE:g} distances: {100 * self.holes:.3f} % of points "
+            f"(swatch {100 * self.swatch_holes:.3f} %); widest {self.widest:.1f}",
+            f"normals against the local surface: {self.normal_angle:.2f}° median",
+            f"step at patch borders: {self.step:.3f} of the distance of samples, 99 % below {self.step_high:.3f}",
+            f"moved by fitting: {self.moved:.2f} of the distance of samples (median)",
+        ]
+
+
+def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str | None = None) -> GeometryReport:
+    """Measure an extended geometry texture against its swatch.
+
+    Parameters
+    ----------
+    points : PointSet
+        Of `extend_geometry`.
+    texture : GeometryTexture
+    device : str, optional
+
+    Raises
+    ------
+    InputError
+        If there are too few points.
+    """
+    device = device_or_error(device)
+    if len(points) < 32:
+        raise InputError(f"{len(points)} points are too few to be measured; at least 32 are needed")
+    spacing = texture.spacing
+    swatch = nearest_distances(texture.points)
+    usual = float(np.median(swatch))
+    low, high = points.points.min(axis=0), points.points.max(axis=0)
+    plane = list(texture.plane_axes)
+    inner = ((points.points[:, plane] > low[plane] + 3 * spacing) & (points.points[:, plane] < high[plane] - 3 * spacing)).all(
+        axis=1
+    )
+    inner = inner if inner.any() else np.ones(len(points), bool)
+    distance = nearest_distances(points)[inner]
+    levels = np.linspace(0, 1, 201)
+    emd = float(np.abs(np.quantile(distance, levels) - np.quantile(swatch, levels)).mean()) / usual
+    surface = PointSurface(points.points - low, points.normals, SUPPORT * spacing, device=device)
+    feet = surface.project(points.points - low, facing=points.normals, reach=spacing)
+    alike = (feet.normals * points.normals).sum(axis=1)[feet.found & inner]
+    width = gaps(surface, HOLE * usual, _BORDER * usual)[1][inner]
+    corner = texture.points.points.min(axis=0)
+    of_swatch = PointSurface(texture.points.points - corner, texture.points.normals, SUPPORT * spacing, device=device)
+    step, step_high = _steps(points, low, spacing, device)
+    return GeometryReport(
+        points=len(points),
+        nearest=float(np.median(distance)) / usual,
+        nearest_emd=emd,
+        holes=float((width > 0).mean()),
+        swatch_holes=float((gaps(of_swatch, HOLE * usual, _BORDER * usual)[1] > 0).mean()),
+        widest=float(width.max(initial=0)) / usual,
+        normal_angle=float(np.degrees(np.median(np.arccos(np.clip(alike, -1, 1))))),
+        step=step,
+        step_high=step_high,
+        moved=float("nan") if points.moved is None else float(np.median(points.moved)) / spacing,
+    )
+
+
+def _steps(points: PointSet, low: Array, spacing: float, device: str) -> tuple[float, float]:
+    """Return median and 99 % quantile of the steps across patch borders, in distances of samples."""
+    if points.patch is None:
+        return float("nan"), float("nan")
+    near, index = cKDTree(points.points).query(points.points, 8, distance_upper_bound=1.5 * spacing)
+    index = np.where(np.isfinite(near), index, np.arange(len(points))[:, None])
+    other = points.patch[index] != points.patch[:, None]
+    other &= (points.normals[index] * points.normals[:, None]).sum(axis=2) > _ALIKE
+    here = np.flatnonzero(other.any(axis=1))
+    if not len(here):
+        return float("nan"), float("nan")
+    across = points.patch[index[here, np.argmax(other[here], axis=1)]]
+    surface = PointSurface(
+        points.points - low, points.normals, SUPPORT * spacing, group=points.patch - points.patch.min(), device=device
+    )
+    feet = surface.project(
+        points.points[here] - low, facing=points.normals[here], group=across - points.patch.min(), reach=1.5 * spacing
+    )
+    step = np.abs(((points.points[here] - low - feet.points) * feet.normals).sum(axis=1))[feet.found] / spacing
+    return float(np.median(step)), float(np.quantile(step, 0.99))
 
 
 def nearest_distances(points: PointSet) -> Array:
@@ -23,7 +152,7 @@ def nearest_distances(points: PointSet) -> Array:
 
 
 def pieces_of(points: PointSet, reach: float) -> Array:
-    """Return the number of the connected piece of each point: neighbours within ``reach`` whose normals agree are joined.
+    """Return the connected piece of each point (N,): neighbours within ``reach`` whose normals agree are joined.
 
     Two threads that touch face each other there, so they stay apart.
     """
@@ -32,33 +161,3 @@ def pieces_of(points: PointSet, reach: float) -> Array:
     pairs = pairs[alike]
     graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     return connected_components(graph, directed=False)[1]
-
-
-def hole_widths(points: PointSet, reach: float) -> Array:
-    """Return for each point (N,) how far the surface is empty in the emptiest of six sectors about it, at most ``reach``.
-
-    Neighbours are laid in the tangent plane; what faces away is another surface. At a border the sector stays empty: the
-    value is ``reach`` there.
-    """
-    tree = cKDTree(points.points)
-    widest = np.empty(len(points))
-    for begin in range(0, len(points), 20_000):
-        part = slice(begin, begin + 20_000)
-        here, normal = points.points[part], points.normals[part]
-        distance, index = tree.query(here, 48, distance_upper_bound=reach)
-        found = np.isfinite(distance)
-        found[:, 0] = False
-        index = np.where(found, index, 0)
-        found &= (points.normals[index] * normal[:, None]).sum(axis=2) > 0
-        side = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0, 0], [0, 1.0, 0]))
-        side /= np.linalg.norm(side, axis=1, keepdims=True)
-        away = points.points[index] - here[:, None]
-        angle = np.arctan2((away * np.cross(normal, side)[:, None]).sum(axis=2), (away * side[:, None]).sum(axis=2))
-        emptiest = np.zeros(len(here))
-        # Sectors overlap by half, so that no gap hides at a sector's edge.
-        for k in range(2 * _SECTORS):
-            middle = np.pi * k / _SECTORS
-            within = np.abs((angle - middle + np.pi) % (2 * np.pi) - np.pi) <= np.pi / _SECTORS
-            emptiest = np.maximum(emptiest, np.where(found & within, distance, reach).min(axis=1))
-        widest[part] = emptiest
-    return widest

@@ -7,9 +7,9 @@ import numpy as np
 Array = np.ndarray
 
 # What is known of every point: place and normal in the swatch's frame, Pauly's surface variation, the swatch point it comes
-# from, and how far warp and blending moved it.
+# from, how far warp and blending moved it, and the patch that laid it.
 RECORD = np.dtype(
-    [("point", "f8", 3), ("normal", "f4", 3), ("variation", "f4"), ("source", "i4"), ("moved", "f4")],
+    [("point", "f8", 3), ("normal", "f4", 3), ("variation", "f4"), ("source", "i4"), ("moved", "f4"), ("patch", "i4")],
 )
 
 

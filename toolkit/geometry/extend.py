@@ -62,7 +62,7 @@ def extend_geometry(
     patch : float or (float, float), optional
         Sides of a patch: at least one texture element and some of its surroundings. Default: a third of the shorter side.
     overlap : float, optional
-        Least overlap of neighbouring patches; at most half a patch. Default: a third of a patch.
+        Least overlap of neighbouring patches; at most half a patch. Default: 0.28 of a patch.
     extra : float, optional
         Width w_E of the region copied beyond a patch, and of the border cut off at the end. Default: a quarter of a patch.
     cell : float, optional
@@ -97,8 +97,8 @@ def extend_geometry(
     Returns
     -------
     PointSet
-        From 0 to ``size`` in the plane, at the swatch's heights; ``source`` is the swatch point each was copied from, and
-        ``moved`` how far warp, blending and spreading moved it from where copying had put it.
+        From 0 to ``size`` in the plane, at the swatch's heights; ``source`` is the swatch point each was copied from,
+        ``moved`` how far warp, blending and spreading moved it from where copying had put it, ``patch`` what laid it.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def extend_geometry(
         raise InputError(
             f"patch {_sides(sides)} is larger than the swatch's bounds {_sides(longer)}; give a smaller patch or a larger swatch"
         )
-    overlap = checked_number("overlap", shorter / 3 if overlap is None else overlap, texture.spacing, shorter / 2)
+    overlap = checked_number("overlap", 0.28 * shorter if overlap is None else overlap, texture.spacing, shorter / 2)
     extra = checked_number("extra", shorter / 4 if extra is None else extra, 0, shorter)
     step = max(shorter / 16, texture.spacing) if cell is None else checked_number("cell", cell, texture.spacing / 4, overlap)
     chosen = checked_weights(weights)
@@ -177,6 +177,7 @@ def extend_geometry(
         color=None if color is None else color[records["source"]],
         source=records["source"],
         moved=records["moved"],
+        patch=records["patch"],
         notes=(*swatch.notes, *growth.notes),
     )
 

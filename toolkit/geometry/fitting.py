@@ -50,12 +50,16 @@ class PatchFitter:
             radius=settings.overlap / 2,
         )
 
-    def fitted(self, places: list[PatchPlace], old: list[Array], surface: PointSurface, new: list[Array]) -> list[Array]:
+    def fitted(
+        self, places: list[PatchPlace], begins: list[Array], old: list[Array], surface: PointSurface, new: list[Array]
+    ) -> list[Array]:
         """Return the records that take the place of each patch's box.
 
         Parameters
         ----------
         places : list of PatchPlace
+        begins : list of (2,) arrays
+            Where in the swatch each patch begins.
         old, new : lists of arrays of RECORD
             What is there, and the patch as copied, for each patch, from its lower left corner.
         surface : PointSurface
@@ -63,10 +67,17 @@ class PatchFitter:
         """
         group = np.repeat(np.arange(len(places)), [len(r) for r in new])
         together = np.concatenate(new)
-        copied = together["point"].copy()
         if self.settings.warp:
-            together = self._splined(places, self._paired(places, old, together, group), together, group)
-        near = self._near_box(places, together["point"], group)
+            paired = self._paired(places, begins, old)
+            # What no pair's move could bring into the box need not be warped.
+            farthest = [float(np.linalg.norm(t - s, axis=1).max(initial=0)) for s, t in paired]
+            near = self._near_box(places, together["point"], group, np.array(farthest) + self.swatch.spacing)
+            together, group = together[near], group[near]
+            copied = together["point"].copy()
+            together = self._splined(places, paired, together, group)
+        else:
+            copied = together["point"].copy()
+        near = self._near_box(places, together["point"], group, np.full(len(places), self.swatch.spacing))
         together, group, copied = together[near], group[near], copied[near]
         keep = np.ones(len(together), bool)
         kept = [np.empty(0, RECORD)] * len(places)
@@ -75,20 +86,21 @@ class PatchFitter:
         together["moved"] = np.linalg.norm(together["point"] - copied, axis=1)
         return [np.concatenate([together[keep & (group == b)], kept[b]]) for b in range(len(places))]
 
-    def _paired(self, places: list[PatchPlace], old: list[Array], new: Array, group: Array) -> list[tuple[Array, Array]]:
-        """Return sources and targets of each patch's pairs."""
-        sources = PointSurface(new["point"], new["normal"], self.swatch.support, group=group, device=self.swatch.device)
-        targets = self._targets(places, old)
-        chosen = pair_points(sources, new["variation"], targets, self._costs, self.settings.rounds)
+    def _paired(self, places: list[PatchPlace], begins: list[Array], old: list[Array]) -> list[tuple[Array, Array]]:
+        """Return sources and targets of each patch's pairs, from its lower left corner."""
+        targets = self._targets(places, begins, old)
+        records = self.swatch.records
+        chosen = pair_points(self.swatch.surface, records["variation"], targets, self._costs, self.settings.rounds)
         found = []
-        for b in range(len(places)):
+        for b, begin in enumerate(begins):
             part = slice(targets.first[b], targets.first[b + 1])
             there = chosen[part] >= 0
-            found.append((new["point"][chosen[part][there]], targets.points[part][there].astype(np.float64)))
+            shift = np.array([*begin, 0.0])
+            found.append((records["point"][chosen[part][there]] - shift, targets.points[part][there] - shift))
         return found
 
-    def _targets(self, places: list[PatchPlace], old: list[Array]) -> Targets:
-        """Return points spread over each overlap, denser where the surface bends."""
+    def _targets(self, places: list[PatchPlace], begins: list[Array], old: list[Array]) -> Targets:
+        """Return points spread over each overlap, denser where the surface bends, moved over the swatch's patch."""
         parts = [r[p.overlapping(r["point"][:, 0], r["point"][:, 1])] for p, r in zip(places, old, strict=True)]
         counts = np.array([len(part) for part in parts])
         together, group = np.concatenate(parts), np.repeat(np.arange(len(places)), counts)
@@ -96,7 +108,9 @@ class PatchFitter:
         chosen = cluster(together["point"], group, largest=largest, smallest=np.ceil(largest / 3), flatness=_FLATNESS)
         first = np.searchsorted(group[chosen], np.arange(len(places) + 1))
         picked = together[chosen]
-        return Targets(picked["point"].astype(np.float32), picked["normal"], picked["variation"], first)
+        point = picked["point"]
+        point[:, :2] += np.array(begins)[group[chosen]]
+        return Targets(point, picked["normal"], picked["variation"], first)
 
     def _splined(self, places: list[PatchPlace], paired: list[tuple[Array, Array]], new: Array, group: Array) -> Array:
         """Warp ``new`` by the splines of the pairs; where that would fold the surface, by those of fewer pairs."""
@@ -139,11 +153,15 @@ class PatchFitter:
         shift = (targets - sources).mean(axis=0) * (1, 1, 0)
         return np.concatenate([sources, anchors]), np.concatenate([targets, anchors + shift])
 
-    def _near_box(self, places: list[PatchPlace], points: Array, group: Array) -> Array:
-        """Return which points lie in their patch's box, or so near that blending may bring them in."""
-        low = np.array([-p.extra[:2] for p in places]) - self.swatch.spacing
-        high = np.array([p.size + p.extra[2:] for p in places]) + self.swatch.spacing
-        return ((points[:, :2] >= low[group]) & (points[:, :2] < high[group])).all(axis=1)
+    def _near_box(self, places: list[PatchPlace], points: Array, group: Array, margin: Array) -> Array:
+        """Return which points lie within ``margin`` (B,) of their patch's box."""
+        low = np.array([-p.extra[:2] for p in places]) - margin[:, None]
+        high = np.array([p.size + p.extra[2:] for p in places]) + margin[:, None]
+        inside = np.ones(len(points), bool)
+        for axis in range(2):
+            along = points[:, axis]
+            inside &= (along >= low[group, axis]) & (along < high[group, axis])
+        return inside
 
     def _blend(
         self, places: list[PatchPlace], old: list[Array], surface: PointSurface, new: Array, group: Array

@@ -111,9 +111,10 @@ class Growth:
 
     def _put(self, places: list[PatchPlace], old: list[Array], surface: PointSurface, begins: list[Array]) -> None:
         new = [self._copy(place, begin) for place, begin in zip(places, begins, strict=True)]
-        for place, records in zip(places, self._fitter.fitted(places, old, surface, new), strict=True):
+        for place, records in zip(places, self._fitter.fitted(places, begins, old, surface, new), strict=True):
             records["point"][:, :2] += place.origin
-            inside = ((records["point"][:, :2] >= place.low) & (records["point"][:, :2] < place.high)).all(axis=1)
+            x, y = records["point"][:, 0], records["point"][:, 1]
+            inside = (x >= place.low[0]) & (x < place.high[0]) & (y >= place.low[1]) & (y < place.high[1])
             self._out.remove(place.low, place.high)
             self._out.add(records[inside])
 
@@ -156,4 +157,5 @@ class Growth:
         further = min(self.settings.extra, self.settings.weights.most_distance * float(self.settings.patch.min()))
         records = self._sample.inside(begin - place.extra[:2] - further, begin + place.size + place.extra[2:] + further)
         records["point"][:, :2] -= begin
+        records["patch"] = place.number
         return records

@@ -15,6 +15,8 @@ Array = np.ndarray
 _PLANE, _GRAPH = 12, 8
 # Share of points with another layer below or above from which a swatch is no height field.
 _LAYERED = 0.05
+# Share of normals that point down from which it is none.
+_DOWN = 0.01
 _AT_ONCE = 50_000
 
 
@@ -59,8 +61,10 @@ def estimate_normals(points: Array, axis: int, spacing: float) -> tuple[Array, s
     return normals, "normals were estimated and turned from neighbour to neighbour; check that none point inwards"
 
 
-def is_height_field(points: Array, axis: int, spacing: float) -> bool:
-    """Return whether (nearly) no vertical line meets two layers of points."""
+def is_height_field(points: Array, axis: int, spacing: float, normals: Array | None = None) -> bool:
+    """Return whether (nearly) no vertical line meets two layers of points, and no normals point down where there are any."""
+    if normals is not None and (normals[:, axis] < -0.1).mean() > _DOWN:
+        return False
     plane = [(axis + 1) % 3, (axis + 2) % 3]
     columns = np.floor(points[:, plane] / (1.5 * spacing)).astype(np.int64)
     _, column = np.unique(columns, axis=0, return_inverse=True)
@@ -68,9 +72,9 @@ def is_height_field(points: Array, axis: int, spacing: float) -> bool:
     order = np.lexsort((points[:, axis], column))
     step = np.diff(points[order, axis])
     same = np.diff(column[order]) == 0
-    # A slope of four still joins neighbours in a column; another layer lies farther off.
+    # On one surface the heights of a column follow one another by about the distance of samples, also where it is steep.
     layered = np.zeros(column.max() + 1, bool)
-    layered[column[order][1:][same & (step > 6 * spacing)]] = True
+    layered[column[order][1:][same & (step > 3 * spacing)]] = True
     return bool(layered.mean() < _LAYERED)
 
 

@@ -34,7 +34,7 @@ class PairingWeights:
     length: float
     direction: float
     position: float = 1.0
-    most_distance: float = 0.15
+    most_distance: float = 0.12
     most_angle: float = 60.0
     most_variation: float = 0.2
 
@@ -80,7 +80,7 @@ def suited_weights(swatch: Swatch) -> tuple[str, PairingWeights]:
     After the paper's remarks on Table 1: features that are large against the sampling want more weight on normals and
     variation, small ones less and smoother pairs.
     """
-    if is_height_field(swatch.records["point"], 2, swatch.spacing):
+    if is_height_field(swatch.records["point"], 2, swatch.spacing, swatch.records["normal"]):
         name = "height field"
     else:
         name = "chain mail" if float(np.median(swatch.records["variation"])) > _WIRY else "weave"

@@ -27,7 +27,9 @@ class PointSet:
     source : (N,) int32 array, optional
         The point of the swatch that each was copied from; None for a swatch.
     moved : (N,) float32 array, optional
-        How far warp and blending moved it from where plain copying would have put it.
+        How far warp, blending and spreading moved it from where plain copying would have put it.
+    patch : (N,) int32 array, optional
+        The patch that laid it, in scan-line order.
     notes : tuple of str
         What was decided or repaired on the way.
     """
@@ -37,6 +39,7 @@ class PointSet:
     color: Array | None = None
     source: Array | None = None
     moved: Array | None = None
+    patch: Array | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -48,7 +51,12 @@ class PointSet:
             raise InputError(f"normals must be {points.shape} as points are, not {np.shape(self.normals)}")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", normals)
-        for name, kind, width in (("color", np.float32, (3,)), ("source", np.int32, ()), ("moved", np.float32, ())):
+        for name, kind, width in (
+            ("color", np.float32, (3,)),
+            ("source", np.int32, ()),
+            ("moved", np.float32, ()),
+            ("patch", np.int32, ()),
+        ):
             value = getattr(self, name)
             if value is not None:
                 value = np.ascontiguousarray(value, kind)
@@ -65,7 +73,7 @@ class PointSet:
             self,
             **{
                 name: value[chosen]
-                for name in ("points", "normals", "color", "source", "moved")
+                for name in ("points", "normals", "color", "source", "moved", "patch")
                 if (value := getattr(self, name)) is not None
             },
         )

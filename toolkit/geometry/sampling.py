@@ -10,8 +10,8 @@ from intaglio.randomness import uniform
 
 Array = np.ndarray
 
-# A Poisson-disk choice of radius r has about one sample on (1.09 r)^2.
-RADIUS = 1 / 1.09
+# A Poisson-disk choice of radius r has about one sample on (1.28 r)².
+RADIUS = 1 / 1.28
 
 _NEIGHBOURS = 8
 # Random samples for each one that is kept.

@@ -13,8 +13,8 @@ from intaglio.kernels.points import PointSurface
 
 Array = np.ndarray
 
-# Support of the point surface's weights, in distances of samples: about 28 neighbours.
-SUPPORT = 3.0
+# Support of the point surface's weights, in distances of samples: about 20 neighbours.
+SUPPORT = 2.5
 
 
 class Swatch:

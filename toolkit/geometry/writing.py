@@ -21,8 +21,8 @@ POINT_SUFFIXES = (".ply", ".xyz", ".obj")
 def write_points(points: PointSet, path: str | os.PathLike[str]) -> None:
     """Write points.
 
-    PLY (binary, positions in double precision) keeps everything: normals, ``source``, ``moved``, colours, and the notes as
-    comments. XYZ (x y z nx ny nz) and OBJ (``v`` and ``vn``) keep positions and normals, with all digits.
+    PLY (binary, positions in double precision) keeps everything: normals, ``source``, ``moved``, ``patch``, colours, and the
+    notes as comments. XYZ (x y z nx ny nz) and OBJ (``v`` and ``vn``) keep positions and normals, with all digits.
 
     Raises
     ------
@@ -44,6 +44,8 @@ def _write_ply(points: PointSet, path: Path) -> None:
         fields.append(("source", "int", points.source))
     if points.moved is not None:
         fields.append(("moved", "float", points.moved))
+    if points.patch is not None:
+        fields.append(("patch", "int", points.patch))
     if points.color is not None:
         fields += color_fields(points.color)
     table, properties = ply_table(fields, len(points))

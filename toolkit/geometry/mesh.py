@@ -1,0 +1,148 @@
+"""Triangle meshes of point sets: marching cubes on the signed distance to the point-set surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from skimage.measure import marching_cubes
+
+from intaglio.checks import checked_number
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.geometry.point_set import PointSet
+from intaglio.geometry.sampling import local_spacing
+from intaglio.geometry.swatch import SUPPORT
+from intaglio.kernels.distance_fields import signed_distance
+from intaglio.kernels.points import PointSurface
+from intaglio.surface import Surface
+from intaglio.topology import pieces
+
+Array = np.ndarray
+
+_MOST_NODES = 300_000_000
+# Nodes this many cells from a sample get a distance of their own.
+_BAND = 2
+# In distances of samples: triangles farther from every sample close the rim of an open surface, and are dropped.
+_RIM = 1.1
+# Pieces of fewer vertices are single nodes in a gap narrower than a cell.
+_SMALLEST = 20
+_AT_ONCE = 2_000_000
+
+
+def mesh_geometry(
+    points: PointSet, cell: float | None = None, *, closed: bool = False, axis: int | None = 2, device: str | None = None
+) -> Surface:
+    """Make a triangle mesh of points with normals.
+
+    Marching cubes (scikit-image) on the signed distance to the point-set surface, worked out near the samples; the side of
+    everything else is that of the nodes around it. Where the surface of the points is closed, so is the mesh. Sheets nearer to
+    each other than a cell grow together.
+
+    Parameters
+    ----------
+    points : PointSet
+        At least 32.
+    cell : float, optional
+        Side of the cubes; default the distance of samples.
+    closed : bool
+        Close what is cut at the output's border by flat faces, and rims of open sheets wherever the sides meet; else both are
+        left open.
+    axis : int, optional
+        Height axis: the borders of the other two are where the output was cut. None: it was not cut anywhere.
+    device : str, optional
+
+    Returns
+    -------
+    Surface
+        Colours from the nearest points; ``measured`` is False throughout.
+
+    Raises
+    ------
+    InputError
+        If there are too few points, or the grid would exceed 300 million nodes.
+    """
+    device = device_or_error(device)
+    if len(points) < 32:
+        raise InputError(f"{len(points)} points are too few for a mesh; at least 32 are needed")
+    spacing = float(np.median(local_spacing(points.points, points.normals)))
+    side = spacing if cell is None else checked_number("cell", cell, np.finfo(float).tiny)
+    low, high = points.points.min(axis=0), points.points.max(axis=0)
+    plane = [] if axis is None else [(axis + 1) % 3, (axis + 2) % 3]
+    begin, counts = low - _BAND * side, np.ceil((high - low) / side).astype(np.int64) + 2 * _BAND + 1
+    steps = np.full(3, side)
+    for k in plane:
+        # Nodes on the border itself: the cut is where it was made.
+        begin[k], counts[k] = low[k], max(2, round((high[k] - low[k]) / side) + 1)
+        steps[k] = (high[k] - low[k]) / (counts[k] - 1)
+    if float(np.prod(counts.astype(float))) > _MOST_NODES:
+        raise InputError(f"cell {side:.4g} makes a grid of {' x '.join(map(str, counts))} nodes; give a larger one, or a part")
+    surface = PointSurface(points.points - low, points.normals, SUPPORT * spacing, device=device)
+    volume, known = _near_field(points.points, surface, begin - low, steps, counts, SUPPORT * spacing)
+    _fill_sides(volume, known, SUPPORT * spacing)
+    if closed:
+        wide = [(1, 1) if k in plane else (0, 0) for k in range(3)]
+        volume = np.pad(volume, wide, constant_values=SUPPORT * spacing)
+        begin[plane] -= steps[plane]
+    if volume.min() >= 0 or volume.max() <= 0:
+        raise InputError("the points bound no volume and no sheet that this cell can show; give a smaller one")
+    vertices, faces, _, _ = marching_cubes(volume, 0.0, spacing=tuple(steps), gradient_direction="ascent")
+    vertices = vertices.astype(np.float64) + begin
+    if closed:
+        vertices[:, plane] = np.clip(vertices[:, plane], low[plane], high[plane])
+    if not closed:
+        near = surface.nearest(vertices - low, reach=_RIM * spacing) >= 0
+        faces = faces[near[faces].all(axis=1)]
+    _, label = pieces(faces, len(vertices))
+    faces = faces[np.bincount(label)[label[faces[:, 0]]] >= _SMALLEST]
+    if not len(faces):
+        raise InputError(f"nothing of the points' surface is left at cell {side:.4g}; give a smaller one")
+    used = np.unique(faces)
+    renumber = np.zeros(len(vertices), np.int64)
+    renumber[used] = np.arange(len(used))
+    vertices, faces = vertices[used], renumber[faces]
+    color = None
+    if points.color is not None:
+        nearest = surface.nearest(vertices - low, reach=4 * spacing)
+        color = points.color[np.maximum(nearest, 0)]
+    nothing = np.zeros(len(vertices), bool)
+    notes = (*points.notes, f"mesh by marching cubes of side {side:.4g}")
+    return Surface(vertices=vertices, faces=faces, color=color, measured=nothing, notes=notes)
+
+
+def _near_field(
+    points: Array, surface: PointSurface, begin: Array, steps: Array, counts: Array, reach: float
+) -> tuple[Array, Array]:
+    """Return distances at the nodes near a sample, and which those are."""
+    known = np.zeros(counts, bool)
+    at = np.round((points - points.min(axis=0) - begin) / steps).astype(np.int64)
+    at = np.clip(at, 0, counts - 1)
+    known[at[:, 0], at[:, 1], at[:, 2]] = True
+    for axis in range(3):
+        known = ndimage.maximum_filter1d(known.view(np.uint8), 2 * _BAND + 1, axis=axis, mode="constant").view(bool)
+    volume = np.full(counts, np.float32(reach))
+    node = np.flatnonzero(known)
+    flat = volume.reshape(-1)
+    for first in range(0, len(node), _AT_ONCE):
+        part = node[first : first + _AT_ONCE]
+        place = np.stack(np.unravel_index(part, counts), axis=1) * steps + begin
+        field = signed_distance(surface, place, reach=reach)
+        flat[part] = field[:, 0]
+        # Beyond reach the side is not known.
+        known.reshape(-1)[part[(field[:, 1:] == 0).all(axis=1)]] = False
+    return volume, known
+
+
+def _fill_sides(volume: Array, known: Array, reach: float) -> None:
+    """Give every connected region without distances the side of the nodes around it, in place."""
+    label, count = ndimage.label(~known)
+    if not count:
+        return
+    votes = np.zeros(count + 1)
+    for axis in range(3):
+        for here, there in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
+            a = tuple(here if k == axis else slice(None) for k in range(3))
+            b = tuple(there if k == axis else slice(None) for k in range(3))
+            touching = (label[a] > 0) & known[b]
+            votes += np.bincount(label[a][touching], np.sign(volume[b][touching]), count + 1)
+    inside = votes < 0
+    volume[inside[label] & ~known] = -reach

@@ -1,0 +1,176 @@
+"""Geometry textures over surfaces: points carried to a shell over a mesh with texture coordinates."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.checks import checked_count, checked_number
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.files import check_readable
+from intaglio.geometry.options import one_or_two
+from intaglio.geometry.point_set import PointSet
+from intaglio.kernels.shells import carry
+from intaglio.mesh_reading import load_mesh
+from intaglio.surface import vertex_normals
+
+Array = np.ndarray
+
+
+def wrap_geometry(
+    points: PointSet,
+    vertices: Array,
+    faces: Array,
+    uv: Array,
+    *,
+    size: float | tuple[float, float],
+    repeat: tuple[int, int] = (1, 1),
+    axis: int = 2,
+    thickness: float | None = None,
+    base: float | None = None,
+    normals: Array | None = None,
+    device: str | None = None,
+) -> PointSet:
+    """Carry a geometry texture over a mesh: every point goes to its base point plus its height along the normal there.
+
+    Parameters
+    ----------
+    points : PointSet
+        Of `extend_geometry`: from 0 to ``size`` in the plane. Toroidal where it is repeated or the mesh closes on itself.
+    vertices : (N, 3) array
+    faces : (F, 3) int array
+    uv : (N, 2) or (F, 3, 2) array
+        Texture coordinates; [0, 1] is covered by the texture ``repeat`` times along u and v.
+    size : float or (float, float)
+        Sides of the texture.
+    repeat : (int, int)
+    axis : int
+        Height axis of the texture.
+    thickness : float, optional
+        Length on the mesh for a unit of the texture's height. Default: the mean of how lengths of the plane are scaled.
+    base : float, optional
+        The height, in the texture, that lies on the mesh. Default: the middle of its heights.
+    normals : (N, 3) array, optional
+        Of the vertices; default from the faces, vertices in the same place counting as one.
+    device : str, optional
+
+    Returns
+    -------
+    PointSet
+        With ``source``, ``moved`` and ``color`` of the points; those outside of all triangles' texture coordinates are left
+        out. The notes say how lengths were scaled.
+
+    Raises
+    ------
+    InputError
+        For arrays of the wrong shape, texture coordinates without area, and points that reach none of it.
+
+    References
+    ----------
+    Duranleau & Poulin, section 7 (future work); shells as in Porumbescu et al., *Shell maps* (2005).
+    """
+    device = device_or_error(device)
+    sides = one_or_two(size, "size")
+    turns = [checked_count("repeat", int(r) if float(r).is_integer() else r, 1, 1000) for r in repeat]
+    if len(turns) != 2:
+        raise InputError(f"repeat must be two whole numbers, not {repeat!r}")
+    corners, triangles = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
+    if corners.ndim != 2 or corners.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+        raise InputError(f"vertices must be (N, 3) and faces (F, 3) arrays, not {corners.shape} and {triangles.shape}")
+    if triangles.min() < 0 or triangles.max() >= len(corners):
+        raise InputError(f"faces name vertices {triangles.min()} to {triangles.max()}; there are {len(corners)}")
+    at_corners = _per_corner(uv, triangles, len(corners))
+    flat = at_corners[:, 1:] - at_corners[:, :1]
+    area = np.abs(flat[:, 0, 0] * flat[:, 1, 1] - flat[:, 0, 1] * flat[:, 1, 0]) / 2
+    edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
+    solid = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
+    if not area.sum() > 0:
+        raise InputError("the texture coordinates have no area")
+    laid = sides * turns
+    # Lengths on the mesh for a length of the texture, triangle by triangle.
+    scale = np.sqrt(solid / np.maximum(area * laid[0] * laid[1], 1e-300))[area > 0]
+    mean = float(np.sqrt(solid.sum() / (area.sum() * laid[0] * laid[1])))
+    height = mean if thickness is None else checked_number("thickness", thickness, 0)
+    order = [(axis + 1) % 3, (axis + 2) % 3, axis]
+    local, facing = points.points[:, order], points.normals[:, order]
+    middle = (local[:, 2].min() + local[:, 2].max()) / 2 if len(local) else 0.0
+    level = middle if base is None else checked_number("base", base, -np.inf)
+    unit = _smooth_normals(corners, triangles) if normals is None else np.asarray(normals, np.float64)
+    if unit.shape != corners.shape:
+        raise InputError(f"normals must have the shape {corners.shape} of the vertices, not {unit.shape}")
+    center = corners.mean(axis=0)
+    parts = []
+    # In units of u and v a normal's components along the plane grow as lengths shrink.
+    for i in range(turns[0]):
+        for j in range(turns[1]):
+            at = np.stack(
+                [(local[:, 0] + i * sides[0]) / laid[0], (local[:, 1] + j * sides[1]) / laid[1], local[:, 2] - level], axis=1
+            )
+            place, turned, face = carry(
+                at, facing * (laid[0], laid[1], 1.0), at_corners, corners[triangles] - center, unit[triangles], height, device
+            )
+            there = face >= 0
+            part = points.part(there)
+            parts.append(replace(part, points=place[there] + center, normals=turned[there]))
+    low, high = np.quantile(scale, [0.01, 0.99])
+    note = f"a length of 1 in the texture is {mean:.4g} on the mesh on average, from {low:.4g} to {high:.4g}"
+    whole = _joined(parts)
+    if not len(whole):
+        raise InputError("no point lies over a triangle: the texture coordinates lie outside of 0 to 1")
+    return replace(whole, notes=(*points.notes, note))
+
+
+def read_uv_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:
+    """Return vertices (N, 3), faces (F, 3) and texture coordinates (N, 2) of a mesh file that has them.
+
+    Raises
+    ------
+    FileError
+        If the file can't be read.
+    InputError
+        If it holds no mesh with texture coordinates; `intaglio.parameterize` makes some.
+    """
+    path = check_readable(Path(path))
+    mesh = load_mesh(path)
+    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
+    uv = getattr(getattr(mesh, "visual", None), "uv", None)
+    if not len(faces):
+        raise InputError(f"{path}: holds no triangles")
+    if uv is None or len(uv) != len(mesh.vertices):
+        raise InputError(f"{path}: holds no texture coordinates; lay the mesh flat first (intaglio.parameterize)")
+    return np.asarray(mesh.vertices, np.float64), faces, np.asarray(uv, np.float64)
+
+
+def _per_corner(uv: Array, faces: Array, count: int) -> Array:
+    coordinates = np.asarray(uv, np.float64)
+    if coordinates.shape == (count, 2):
+        coordinates = coordinates[faces]
+    if coordinates.shape != (len(faces), 3, 2):
+        raise InputError(f"uv must be ({count}, 2) or ({len(faces)}, 3, 2), not {np.shape(uv)}")
+    if not np.isfinite(coordinates).all():
+        raise InputError("uv holds NaN or infinity")
+    return coordinates
+
+
+def _smooth_normals(vertices: Array, faces: Array) -> Array:
+    """Return vertex normals; seams of the texture coordinates, where vertices are doubled, leave no crease."""
+    _, inverse = np.unique(vertices, axis=0, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    first = np.zeros(inverse.max() + 1, np.int64)
+    first[inverse] = np.arange(len(vertices))
+    return vertex_normals(vertices[first], inverse[faces])[inverse]
+
+
+def _joined(parts: list[PointSet]) -> PointSet:
+    def all_of(name: str) -> Array | None:
+        values = [getattr(part, name) for part in parts]
+        return None if values[0] is None else np.concatenate(values)
+
+    points, normals = all_of("points"), all_of("normals")
+    assert points is not None
+    assert normals is not None
+    return PointSet(points, normals, color=all_of("color"), source=all_of("source"), moved=all_of("moved"), patch=all_of("patch"))
