@@ -95,9 +95,9 @@ def run_scene(
     return Result(scan, whole, report, seconds, sheet, page)
 
 
-def contact_sheet(pictures: dict[str, list[Array]]) -> Array:
-    """Return one picture: a row each for scan, completion and truth (where known), a column for each viewpoint."""
-    rows = [pictures[heading] for heading in (SCAN, COMPLETED, TRUTH) if heading in pictures]
+def contact_sheet(pictures: dict[str, list[Array]], headings: tuple[str, ...] = (SCAN, COMPLETED, TRUTH)) -> Array:
+    """Return one picture: a row for each heading (scan, completion and truth, where known), a column for each viewpoint."""
+    rows = [pictures[heading] for heading in headings if heading in pictures]
     return np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0)
 
 

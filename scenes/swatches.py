@@ -1,8 +1,9 @@
-"""Geometry textures made by rule: a plain weave, chain mail with bumps, flowers; none of them repeats."""
+"""Geometry textures made by rule: a plain weave, chain mail, flowers, and yarn along given lines; none of them repeats."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from intaglio.geometry.sampling import RADIUS, thinned
 
@@ -98,3 +99,68 @@ def chain_mail(columns: int = 7, rows: int = 14, spacing: float = 0.096, seed: i
 
 # Distance of rings in a row, of rows, and the tilt of a ring, for rings of radius 1 and wire of 0.17.
 MAIL = (2.5, 0.7, 0.6)
+
+
+def flowers(columns: int = 7, rows: int = 7, spacing: float = 0.049, seed: int = 3) -> tuple[Array, Array, Array]:
+    """Return points, normals and flower number of flowers that don't touch: a dome and five petals each, all different."""
+    rng = np.random.default_rng(seed)
+    points: list[Array] = []
+    normals: list[Array] = []
+    labels: list[Array] = []
+    for row in range(rows):
+        for column in range(columns):
+            center = np.array([column + 0.5 * (row % 2), 0.9 * row, 0.0]) * 1.5 + np.append(rng.normal(0, 0.05, 2), 0)
+            turn, size, lift = rng.normal(0, 0.1), rng.uniform(0.94, 1.06), rng.uniform(0.14, 0.24)
+            parts = [(np.array([0, 0, 0.12]), np.eye(3), np.array([0.17, 0.17, 0.14]) * size)]
+            for petal in range(5):
+                angle = turn + petal * 2 * np.pi / 5
+                out = np.array([np.cos(angle) * np.cos(lift), np.sin(angle) * np.cos(lift), np.sin(lift)])
+                side = np.array([-np.sin(angle), np.cos(angle), 0.0])
+                axes = np.stack([out, side, np.cross(out, side)])
+                parts.append((0.34 * size * out, axes, np.array([0.27, 0.15, 0.075]) * size))
+            p, n = _union(parts, spacing, seed + len(labels))
+            points.append(p + center)
+            normals.append(n)
+            labels.append(np.full(len(p), len(labels)))
+    return np.concatenate(points), np.concatenate(normals), np.concatenate(labels)
+
+
+def _union(parts: list[tuple[Array, Array, Array]], spacing: float, seed: int) -> tuple[Array, Array]:
+    """Return points and normals on the outside of ellipsoids (centre, axes, half sides)."""
+    rng = np.random.default_rng(seed)
+    points: list[Array] = []
+    normals: list[Array] = []
+    for center, axes, half in parts:
+        direction = rng.normal(size=(int(60 * 4 * np.pi * half.max() ** 2 / spacing**2), 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        # Directions even over the sphere are kept as often as the ellipsoid stretches area there.
+        slope = direction / half
+        length = np.linalg.norm(slope, axis=1)
+        kept = rng.random(len(length)) * length.max() < length
+        direction, slope, length = direction[kept], slope[kept], length[kept]
+        points.append((direction * half) @ axes + center)
+        normals.append((slope / length[:, None]) @ axes)
+    found, facing = np.concatenate(points), np.concatenate(normals)
+    outside = np.ones(len(found), bool)
+    for center, axes, half in parts:
+        outside &= (((found - center) @ axes.T / half) ** 2).sum(axis=1) > 1 - 1e-9
+    found, facing = found[outside], facing[outside]
+    chosen = thinned(found, facing, RADIUS * spacing, seed)
+    return found[chosen], facing[chosen]
+
+
+def yarn(control: Array, low: Array, high: Array, radius: float, spacing: float) -> tuple[Array, Array]:
+    """Return points and normals of yarn along control points (N, 3), where these lie in the box of the plane."""
+    inside = ((control[:, :2] >= low) & (control[:, :2] <= high)).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]])))
+    points: list[Array] = []
+    normals: list[Array] = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if last - first < 4:
+            continue
+        number = np.arange(first, last)
+        fine = CubicSpline(number, control[first:last])(np.arange(first, last - 1 + 1e-9, 0.1))
+        p, n = swept(fine, radius, spacing, seed=int(first))
+        points.append(p)
+        normals.append(n)
+    return np.concatenate(points), np.concatenate(normals)

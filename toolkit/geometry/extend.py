@@ -75,8 +75,8 @@ def extend_geometry(
         above this has no candidate: four of half the size are put in its place, and where these fail the best is taken and
         its place noted. Default: no limit.
     weights : PairingWeights or str
-        A preset of the paper's Table 1 ("height field", "chain mail", "weave", "flowers"), or "auto": chosen by whether the
-        swatch is a height field and how strongly it bends at the scale of its sampling.
+        A preset of the paper's Table 1 ("height field", "chain mail", "weave", "flowers"), or "auto": the first for a height
+        field, else the second.
     pairs : int
         About how many points of an overlap are paired.
     rounds : int

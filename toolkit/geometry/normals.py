@@ -66,7 +66,7 @@ def is_height_field(points: Array, axis: int, spacing: float, normals: Array | N
     if normals is not None and (normals[:, axis] < -0.1).mean() > _DOWN:
         return False
     plane = [(axis + 1) % 3, (axis + 2) % 3]
-    columns = np.floor(points[:, plane] / (1.5 * spacing)).astype(np.int64)
+    columns = np.floor(points[:, plane] / (0.7 * spacing)).astype(np.int64)
     _, column = np.unique(columns, axis=0, return_inverse=True)
     column = column.reshape(-1)
     order = np.lexsort((points[:, axis], column))

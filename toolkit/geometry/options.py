@@ -48,10 +48,6 @@ PRESETS = {
 }
 
 
-# Median surface variation from which a swatch counts as thin wires.
-_WIRY = 0.08
-
-
 @dataclass(frozen=True)
 class Settings:
     """What patches are searched, warped and blended with; lengths in the input's unit. See `extend_geometry`."""
@@ -77,13 +73,11 @@ class Settings:
 def suited_weights(swatch: Swatch) -> tuple[str, PairingWeights]:
     """Return the name and weights of the preset that suits a swatch.
 
-    After the paper's remarks on Table 1: features that are large against the sampling want more weight on normals and
-    variation, small ones less and smoother pairs.
+    After the paper's remarks on Table 1: features that are large against the sampling, as on a height field, want more weight
+    on normals and variation; wires and threads want less, and pairs that move as their neighbours do.
     """
-    if is_height_field(swatch.records["point"], 2, swatch.spacing, swatch.records["normal"]):
-        name = "height field"
-    else:
-        name = "chain mail" if float(np.median(swatch.records["variation"])) > _WIRY else "weave"
+    records = swatch.records
+    name = "height field" if is_height_field(records["point"], 2, swatch.spacing, records["normal"]) else "chain mail"
     return name, PRESETS[name]
 
 
