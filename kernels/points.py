@@ -20,7 +20,7 @@ from intaglio.kernels.launch import launch
 wp.set_module_options({"enable_backward": False})
 
 # Iterations of a projection, and the movement (in supports) at which it has settled.
-_STEPS = wp.constant(10)
+_STEPS = wp.constant(16)
 _SETTLED = wp.constant(1.0e-3)
 # A line that meets the surface flatter than this (sine) counts as passing it by.
 _GRAZING = wp.constant(0.3)
@@ -116,11 +116,14 @@ def settle(
 ):
     """Return foot and normal of ``x`` on the surface, from ``begin`` near it, and whether there is one (1 or 0).
 
-    The quasi-orthogonal projection: ``x`` itself is dropped on the plane at the last iterate, until the plane stays.
+    The quasi-orthogonal projection: ``x`` itself is dropped on the plane at the last iterate, until the plane stays. Farther
+    from a bent surface than its radius that swings to and fro ever wider: steps that turn back are halved.
     """
     at = begin
     normal = facing
     found = int(0)
+    last = wp.vec3()
+    share = float(1.0)
     for _ in range(_STEPS):
         position, n, total = local_plane(grid, points, normals, group, at, facing, support, hermite)
         if total == 0.0:
@@ -133,9 +136,12 @@ def settle(
         length = wp.length(away)
         if length > 0.5 * support:
             foot = position + away * (0.5 * support / length)
-        moved = wp.length(foot - at)
-        at = foot
-        if moved < _SETTLED * support:
+        step = foot - at
+        if wp.dot(step, last) < 0.0:
+            share = 0.5 * share
+        at += share * step
+        last = step
+        if wp.length(step) < _SETTLED * support:
             break
     return at, normal, found
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from intaglio.geometry.extend import extend_geometry
 from intaglio.geometry.mesh import mesh_geometry
-from intaglio.geometry.report import pictures_of
 from intaglio.geometry.shell import wrap_geometry
 from intaglio.images import write_image
 from intaglio.progress import ProgressBar
+from intaglio.render.view import Light, frame, view
 from intaglio.scenes.common import options
 from intaglio.scenes.weave import swatch
 
@@ -55,9 +55,10 @@ def main() -> None:
     print("meshing and rendering …")
     mesh = mesh_geometry(covered, axis=None, device=args.device)
     mesh.write(args.output / "weave_on_vase.glb")
-    write_image(
-        np.concatenate(list(pictures_of(mesh, (0, 2, 1), size=(800, 800)).values()), axis=1), args.output / "weave_on_vase.png"
-    )
+    looks = [frame(vertices, np.array(towards), up=(0.0, 0.0, 1.0)) for towards in ((1.0, -2.0, 0.5), (-1.5, -1.2, 1.6))]
+    light = Light(tilt=135.0, slant=55.0)
+    pictures = [view(mesh.vertices, mesh.faces, camera=look, light=light, size=(800, 900)) for look in looks]
+    write_image(np.concatenate(pictures, axis=1), args.output / "weave_on_vase.png")
     print(f"  tile of {len(tile)} points in {extended:.2f} s; {len(covered)} points carried over the vase in {carried:.2f} s")
     print(f"  {covered.notes[-1]}")
     print(f"  mesh of {len(mesh.faces)} triangles")

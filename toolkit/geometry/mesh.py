@@ -23,7 +23,7 @@ _MOST_NODES = 300_000_000
 # Nodes this many cells from a sample get a distance of their own.
 _BAND = 2
 # In distances of samples: triangles farther from every sample close the rim of an open surface, and are dropped.
-_RIM = 1.1
+_RIM = 1.6
 # Pieces of fewer vertices are single nodes in a gap narrower than a cell.
 _SMALLEST = 20
 _AT_ONCE = 2_000_000

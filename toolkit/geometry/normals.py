@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
@@ -12,11 +12,19 @@ from intaglio.errors import InputError
 Array = np.ndarray
 
 # Neighbours a plane is fitted to, and those along which sides are handed on.
-_PLANE, _GRAPH = 12, 8
+_PLANE, _GRAPH, _AROUND = 12, 8, 24
 # Share of points with another layer below or above from which a swatch is no height field.
 _LAYERED = 0.05
 # Share of normals that point down from which it is none.
 _DOWN = 0.01
+# Neighbours less alike than this hand on no side.
+_UNLIKE = 0.25
+# Neighbours that lie so much along a normal (cosine) are of another surface.
+_ACROSS = 0.55
+# A piece that bends away from its neighbours by this many distances of samples, on average, is a thread.
+_THIN = 0.1
+# Pieces of fewer points take their side from those around them, in at most so many rounds.
+_FEWEST, _ROUNDS = 12, 50
 _AT_ONCE = 50_000
 
 
@@ -25,8 +33,9 @@ def estimate_normals(points: Array, axis: int, spacing: float) -> tuple[Array, s
 
     Planes are fitted to the twelve nearest neighbours. On a height field all normals are turned up along ``axis``.
     Elsewhere sides are handed on from neighbour to neighbour along a minimum spanning tree of the angles between their
-    planes (Hoppe et al. 1992, by SciPy's sparse graph routines); of a connected piece the outside is where its volume is
-    positive, or up where it is an open sheet.
+    planes (Hoppe et al. 1992, by SciPy's sparse graph routines), leaving out at first where another surface is near. The
+    outside of a piece is the convex side of a thread, else where it faces up, else where its volume is positive. Where
+    threads touch, some of the normals remain wrong (about one in twenty points of a tight weave).
 
     Parameters
     ----------
@@ -46,18 +55,19 @@ def estimate_normals(points: Array, axis: int, spacing: float) -> tuple[Array, s
         raise InputError(f"{len(points)} points without normals are too few to estimate them: at least {_PLANE + 1} are needed")
     tree = cKDTree(points)
     normals = np.empty_like(points)
-    neighbours = np.empty((len(points), _GRAPH), np.int64)
+    around_count = min(_AROUND, len(points) - 1)
+    neighbours = np.empty((len(points), around_count), np.int64)
     for begin in range(0, len(points), _AT_ONCE):
         part = slice(begin, begin + _AT_ONCE)
-        _, index = tree.query(points[part], _PLANE + 1)
-        around = points[index]
+        _, index = tree.query(points[part], around_count + 1)
+        around = points[index[:, : _PLANE + 1]]
         around = around - around.mean(axis=1, keepdims=True)
         normals[part] = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0]
-        neighbours[part] = index[:, 1 : _GRAPH + 1]
+        neighbours[part] = index[:, 1:]
     if is_height_field(points, axis, spacing):
         normals[normals[:, axis] < 0] *= -1
         return normals, "normals were estimated and turned up along the height axis: the swatch is a height field"
-    _hand_on_sides(points, normals, neighbours, axis)
+    _hand_on_sides(points, normals, neighbours, axis, spacing)
     return normals, "normals were estimated and turned from neighbour to neighbour; check that none point inwards"
 
 
@@ -78,26 +88,66 @@ def is_height_field(points: Array, axis: int, spacing: float, normals: Array | N
     return bool(layered.mean() < _LAYERED)
 
 
-def _hand_on_sides(points: Array, normals: Array, neighbours: Array, axis: int) -> None:
-    """Turn ``normals`` so that neighbours agree, in place."""
+def _hand_on_sides(points: Array, normals: Array, neighbours: Array, axis: int, spacing: float) -> None:
+    """Turn ``normals`` so that neighbours agree, in place.
+
+    Points near another surface are left out at first: sides would be handed on from one thread to the next there.
+    """
     count = len(points)
     rows = np.repeat(np.arange(count), _GRAPH)
-    columns = neighbours.ravel()
+    columns = neighbours[:, :_GRAPH].ravel()
+    along = points[columns] - points[rows]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    # Neighbours across a gap lie along each other's normals; on one surface they lie beside each other.
+    across = np.maximum(np.abs((along * normals[rows]).sum(axis=1)), np.abs((along * normals[columns]).sum(axis=1)))
+    likeness = np.abs((normals[rows] * normals[columns]).sum(axis=1)) * (1 - across)
+    crowded = np.zeros(count, bool)
+    crowded[rows[across > _ACROSS]] = True
+    crowded[columns[across > _ACROSS]] = True
+    clear = (likeness > _UNLIKE) & ~crowded[rows] & ~crowded[columns]
     # A weight of 0 would be no edge.
-    weight = 1.0001 - np.abs((normals[rows] * normals[columns]).sum(axis=1))
-    graph = coo_array((weight, (rows, columns)), shape=(count, count)).tocsr()
-    tree = minimum_spanning_tree(graph)
-    pieces, label = connected_components(tree, directed=False)
-    for piece in range(pieces):
-        members = np.flatnonzero(label == piece)
-        order, before = breadth_first_order(tree, members[0], directed=False)
-        agree = np.ones(count, bool)
-        agree[order[1:]] = (normals[order[1:]] * normals[before[order[1:]]]).sum(axis=1) >= 0
-        turned = np.zeros(count, bool)
-        for node in order[1:]:
-            turned[node] = turned[before[node]] != (not agree[node])
-        normals[turned] *= -1
+    weights = (1.0001 - likeness[clear], (rows[clear], columns[clear]))
+    tree = minimum_spanning_tree(coo_array(weights, shape=(count, count)).tocsr())
+    _, label = connected_components(tree, directed=False)
+    bend = (points - points[neighbours].mean(axis=1)) / spacing
+    order = np.argsort(label, kind="stable")
+    settled = np.zeros(count, bool)
+    for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        if len(members) < _FEWEST:
+            continue
+        settled[members] = True
+        _turn_along(tree, normals, members[0])
+        outwards = (bend[members] * normals[members]).sum(axis=1).mean()
         up = normals[members, axis].mean()
         volume = ((points[members] - points[members].mean(axis=0)) * normals[members]).sum(axis=1).mean()
-        if (up if abs(up) > 0.3 else volume) < 0:
+        # The convex side of a thread is outside; of a sheet, the side that faces up.
+        if (outwards if abs(outwards) > _THIN else up if abs(up) > 0.3 else volume) < 0:
             normals[members] *= -1
+    _take_over(normals, neighbours, points, settled)
+
+
+def _turn_along(tree: csr_array, normals: Array, root: int) -> None:
+    """Turn the normals of the tree's piece that holds ``root`` so that they agree along its edges, in place."""
+    reached, before = breadth_first_order(tree, root, directed=False)
+    agree = ((normals[reached[1:]] * normals[before[reached[1:]]]).sum(axis=1) >= 0).tolist()
+    turned = {int(reached[0]): False}
+    for node, parent, same in zip(reached[1:].tolist(), before[reached[1:]].tolist(), agree, strict=True):
+        turned[node] = turned[parent] != (not same)
+    normals[[node for node, turn in turned.items() if turn]] *= -1
+
+
+def _take_over(normals: Array, neighbours: Array, points: Array, settled: Array) -> None:
+    """Turn what is left like the settled neighbours on its own surface, from these on, in place."""
+    for _ in range(_ROUNDS):
+        left = np.flatnonzero(~settled)
+        near = neighbours[left]
+        along = points[near] - points[left, None]
+        along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
+        product = (normals[near] * normals[left, None]).sum(axis=2)
+        beside = 1 - np.abs((along * normals[left, None]).sum(axis=2))
+        vote = (product * beside**2 * settled[near]).sum(axis=1)
+        reached = vote != 0
+        if not reached.any():
+            return
+        normals[left[reached & (vote < 0)]] *= -1
+        settled[left[reached]] = True

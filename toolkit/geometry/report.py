@@ -12,7 +12,6 @@ from intaglio.geometry.mesh import mesh_geometry
 from intaglio.geometry.point_set import GeometryTexture, PointSet
 from intaglio.html_page import listing, picture_row, write_page
 from intaglio.render.view import Light, frame, view
-from intaglio.surface import Surface
 from intaglio.topology import used_vertices
 
 Array = np.ndarray
@@ -38,14 +37,9 @@ def geometry_pictures(
     device : str, optional
     """
     shown = points if colors is None else PointSet(points.points, points.normals, color=colors)
-    order = [(axis + 1) % 3, (axis + 2) % 3, axis]
     mesh = mesh_geometry(shown, axis=axis, device=device)
-    return pictures_of(mesh, order, size=size)
-
-
-def pictures_of(mesh: Surface, order: Sequence[int], *, size: tuple[int, int] = (640, 480)) -> dict[str, Array]:
-    """Return pictures of a mesh whose axes ``order`` are to be right, up and towards the eye."""
-    vertices = mesh.vertices[:, list(order)]
+    # The height axis towards the eye; the order of the three keeps its handedness.
+    vertices = mesh.vertices[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
     used = used_vertices(mesh.faces, len(vertices))
     found = {}
     for name, direction in VIEWS.items():

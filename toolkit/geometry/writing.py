@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from intaglio.errors import FileError
 from intaglio.files import whole_file
-from intaglio.geometry.point_set import PointSet
 from intaglio.mesh_writing import color_fields, ply_table
+
+if TYPE_CHECKING:
+    from intaglio.geometry.point_set import PointSet
 
 Array = np.ndarray
 
