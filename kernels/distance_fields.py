@@ -1,7 +1,8 @@
 """Signed distance and gradient fields of point-set surfaces on regular grids, and the distance of patches in them.
 
 After Duranleau & Poulin, section 5.1: at each node the distance to the surface, positive on the side its normals point to,
-and the unit gradient, both by projection. Nodes beyond reach of any surface hold the reach as distance and no gradient.
+and the unit gradient, both by projection. Nodes beyond reach of any surface hold the reach as distance, inside of thick
+solids too, and no gradient.
 """
 
 from __future__ import annotations

@@ -41,7 +41,8 @@ def local_plane(
 
     Averages lie inside of what bends: on a sphere of radius r by the mean of d² / 2r of the neighbours at distance d. The
     neighbours' own tangent planes pass as far outside. ``hermite`` 1 takes the middle of the two, which is off by the next
-    order only; 0 is the plain average.
+    order only, and weighs neighbours by how far they face the same side, which keeps threads that cross apart; 0 is the plain
+    average.
     """
     position = wp.vec3()
     normal = wp.vec3()
@@ -53,9 +54,11 @@ def local_plane(
         w = 1.0 - wp.dot(d, d) * inverse
         if w > 0.0:
             n = normals[j]
-            if wp.dot(n, facing) >= 0.0:
+            side = wp.dot(n, facing)
+            if side >= 0.0:
                 w = w * w
                 w = w * w
+                w = w * (1.0 - hermite + hermite * side * side)
                 position += w * d
                 normal += w * n
                 tangent += w * wp.dot(n, d)
@@ -158,10 +161,11 @@ def meet(
     hermite: float,
     reach: float,
 ):
-    """Return where the line through ``x`` along ±``direction`` meets the surface nearest to x, its normal, and 1; or 0.
+    """Return where the line through ``x`` along ±``direction`` meets the surface, its normal, and 1; or 0 if it does not.
 
     The limited intersection of Adamson & Alexa (2003): the line is cut with the plane at the last iterate. Iterations begin
-    at ``x``, then farther and farther away on both sides, up to ``reach``.
+    at ``x``, then farther and farther away on both sides, up to ``reach``; the first to settle counts, which is the nearest
+    intersection but where two are about equally near.
     """
     step = 0.75 * support
     starts = int(reach / step)

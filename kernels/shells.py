@@ -57,56 +57,63 @@ def shell_kernel(
             # A layout that mirrors the surface turns the cofactors' sign.
             if wp.dot(wp.cross(x_u, x_v), n) < 0.0:
                 carried = -carried
-            face[i] = f
-            point[i] = base + rise * n
-            turned[i] = wp.normalize(carried)
+            length = wp.length(carried)
+            # Where the shell folds to nothing there is no side to face.
+            if length > 0.0:
+                face[i] = f
+                point[i] = base + rise * n
+                turned[i] = carried / length
 
 
-def carry(
-    at: np.ndarray,
-    facing: np.ndarray,
-    uv: np.ndarray,
-    corner: np.ndarray,
-    normal: np.ndarray,
-    height: float,
-    device: str,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points and normals (N, 3) float32 on the shell, and the triangle of each (N,), -1 where (u, v) is in none.
+class Shell:
+    """The space over a triangle mesh with texture coordinates.
 
     Parameters
     ----------
-    at : (N, 3) array
-        u, v and height.
-    facing : (N, 3) array
-        Normals in coordinates of the same scale.
     uv : (F, 3, 2) array
         Texture coordinates of the triangles' corners.
     corner, normal : (F, 3, 3) arrays
         Their positions and unit normals.
-    height : float
-        Lengths on the mesh for a unit of height.
     device : str
         From `choose_device`.
     """
-    count, triangles = len(at), len(uv)
 
-    def vectors(a: np.ndarray) -> wp.array:
-        return wp.array(np.ascontiguousarray(a, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
+    def __init__(self, uv: np.ndarray, corner: np.ndarray, normal: np.ndarray, device: str) -> None:
+        self.device = device
+        flat = np.zeros((3 * len(uv), 3), np.float32)
+        flat[:, :2] = uv.reshape(-1, 2)
+        index = wp.array(np.arange(3 * len(uv), dtype=np.int32), dtype=wp.int32, device=device)
+        self._chart = wp.Mesh(points=self._vectors(flat), indices=index)
+        self._uv = wp.array(np.ascontiguousarray(uv, np.float32).reshape(-1, 2), dtype=wp.vec2, device=device)
+        self._corner, self._normal = self._vectors(corner), self._vectors(normal)
 
-    flat = np.zeros((3 * triangles, 3), np.float32)
-    flat[:, :2] = uv.reshape(-1, 2)
-    index = wp.array(np.arange(3 * triangles, dtype=np.int32), dtype=wp.int32, device=device)
-    chart = wp.Mesh(points=vectors(flat), indices=index)
-    corners_uv = wp.array(np.ascontiguousarray(uv, np.float32).reshape(-1, 2), dtype=wp.vec2, device=device)
-    point = wp.empty(count, dtype=wp.vec3, device=device)
-    turned = wp.empty(count, dtype=wp.vec3, device=device)
-    face = wp.empty(count, dtype=wp.int32, device=device)
-    launch(
-        shell_kernel,
-        count,
-        [vectors(at), vectors(facing), chart.id, corners_uv, vectors(corner), vectors(normal), float(height)],
-        [point, turned, face],
-        device=device,
-        work=1000,
-    )
-    return point.numpy().copy(), turned.numpy().copy(), face.numpy().copy()
+    def _vectors(self, value: np.ndarray) -> wp.array:
+        return wp.array(np.ascontiguousarray(value, np.float32).reshape(-1, 3), dtype=wp.vec3, device=self.device)
+
+    def carry(self, at: np.ndarray, facing: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return points and normals (N, 3) float32 on the shell, and the triangle of each (N,), -1 where (u, v) is in none.
+
+        Parameters
+        ----------
+        at : (N, 3) array
+            u, v and height.
+        facing : (N, 3) array
+            Normals, in coordinates scaled as ``at``.
+        height : float
+            Lengths on the mesh for a unit of height, above 0.
+        """
+        count = len(at)
+        point = wp.empty(count, dtype=wp.vec3, device=self.device)
+        turned = wp.empty(count, dtype=wp.vec3, device=self.device)
+        face = wp.empty(count, dtype=wp.int32, device=self.device)
+        launch(
+            shell_kernel,
+            count,
+            [
+                self._vectors(at), self._vectors(facing), self._chart.id, self._uv, self._corner, self._normal, float(height),
+            ],
+            [point, turned, face],
+            device=self.device,
+            work=1000,
+        )  # fmt: skip
+        return point.numpy().copy(), turned.numpy().copy(), face.numpy().copy()

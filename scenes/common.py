@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,7 @@ def real_data(name: str) -> Path:
 def options(description: str) -> argparse.Namespace:
     """Read a scene's command line."""
     start_quietly()
+    warnings.formatwarning = lambda message, *_, **__: f"  warning: {message}\n"
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for pictures, meshes and report")
     parser.add_argument("--seed", type=int, default=1)

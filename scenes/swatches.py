@@ -52,7 +52,7 @@ def _wander(at: Array, rng: np.random.Generator, amount: float, length: float) -
 def weave(threads: int = 10, spacing: float = 0.088, seed: int = 1) -> tuple[Array, Array, Array]:
     """Return points, normals and thread number of a plain weave of ``threads`` each way, a unit apart; no two cross alike."""
     rng = np.random.default_rng(seed)
-    radius, rise = 0.24, 0.27
+    radius, rise = 0.24, 0.3
     points: list[Array] = []
     normals: list[Array] = []
     labels: list[Array] = []

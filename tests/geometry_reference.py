@@ -17,6 +17,8 @@ def local_plane(points, normals, x, facing, support, hermite):
     """Return average position and normal about x, or None."""
     d = points - x
     w = np.maximum(1 - (d**2).sum(axis=1) / support**2, 0) ** 4 * (normals @ facing >= 0)
+    if hermite:
+        w = w * (normals @ facing) ** 2
     if w.sum() == 0:
         return None
     normal = w @ normals

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.geometry.point_set import GeometryTexture, PointSet
+from intaglio.geometry.point_set import GeometryTexture, PointSet, checked_points
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.points import PointSurface
 from intaglio.kernels.relaxation import gaps
@@ -22,6 +22,8 @@ Array = np.ndarray
 _ALIKE = 0.7
 # Of a usual distance of nearest neighbours: what counts as a hole, and as an open border rather than a hole.
 HOLE, _BORDER = 3.0, 8.0
+# Fewer points are not measured.
+FEWEST = 32
 
 
 @dataclass(frozen=True)
@@ -62,14 +64,17 @@ class GeometryReport:
 
     def lines(self) -> list[str]:
         """Return the figures in words."""
-        return [
+        lines = [
             f"{self.points} points; nearest neighbours {self.nearest:.3f} of the swatch's median, EMD {self.nearest_emd:.3f}",
             f"beside a hole wider than {HOLE:g} distances: {100 * self.holes:.3f} % of points "
             f"(swatch {100 * self.swatch_holes:.3f} %); widest {self.widest:.1f}",
             f"normals against the local surface: {self.normal_angle:.2f}° median",
-            f"step at patch borders: {self.step:.3f} of the distance of samples, 99 % below {self.step_high:.3f}",
-            f"moved by fitting: {self.moved:.2f} of the distance of samples (median)",
         ]
+        if np.isfinite(self.step):
+            lines.append(f"step at patch borders: {self.step:.3f} of the distance of samples, 99 % below {self.step_high:.3f}")
+        if np.isfinite(self.moved):
+            lines.append(f"moved by fitting: {self.moved:.2f} of the distance of samples (median)")
+        return lines
 
 
 def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str | None = None) -> GeometryReport:
@@ -88,8 +93,11 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
         If there are too few points.
     """
     device = device_or_error(device)
-    if len(points) < 32:
-        raise InputError(f"{len(points)} points are too few to be measured; at least 32 are needed")
+    checked_points(points)
+    if not isinstance(texture, GeometryTexture):
+        raise InputError(f"texture must be a GeometryTexture, not {type(texture).__name__}")
+    if len(points) < FEWEST:
+        raise InputError(f"{len(points)} points are too few to be measured; at least {FEWEST} are needed")
     spacing = texture.spacing
     swatch = nearest_distances(texture.points)
     usual = float(np.median(swatch))

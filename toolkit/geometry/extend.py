@@ -22,6 +22,8 @@ Array = np.ndarray
 # More points than this are not attempted: they would need more memory than a workstation has.
 _MOST_POINTS = 200_000_000
 _MOST_NODES = 50_000_000
+# In distances of samples; smaller ones hold no surface to be matched.
+_LEAST_PATCH = 6
 
 
 def extend_geometry(
@@ -35,8 +37,8 @@ def extend_geometry(
     tolerance: float = 0.1,
     max_error: float | None = None,
     weights: PairingWeights | str = "auto",
-    pairs: int = 150,
-    rounds: int = 3,
+    pairs: int = 110,
+    rounds: int = 1,
     smoothing: float = 1e-3,
     warp: bool = True,
     blend: bool = True,
@@ -51,7 +53,7 @@ def extend_geometry(
     In scan-line order each patch is searched by the distance of signed distance fields where it overlaps what is there
     (section 5.1), warped by a thin-plate spline through automatically paired points (5.2), blended by projection (5.3), and
     put in the place of what was there. Patches that can't see each other are worked on together; the result is that of one
-    after the other.
+    after the other. A toroidal output is laid one patch after the other.
 
     Parameters
     ----------
@@ -98,7 +100,8 @@ def extend_geometry(
     -------
     PointSet
         From 0 to ``size`` in the plane, at the swatch's heights; ``source`` is the swatch point each was copied from,
-        ``moved`` how far warp, blending and spreading moved it from where copying had put it, ``patch`` what laid it.
+        ``moved`` how far warp and blending moved it from where copying had put it, and spreading after them, ``patch`` what
+        laid it.
 
     Raises
     ------
@@ -109,8 +112,9 @@ def extend_geometry(
     References
     ----------
     Duranleau & Poulin, *Patch-based Synthesis of Geometry Textures with Point-set Surfaces*, sections 4 and 5. Beyond the
-    paper: averages are corrected for bending (`intaglio.kernels.points`), so that blending does not thin wires; geometry
-    without a counterpart is cut in the middle of the overlap instead of at the box; anchors follow the pairs' mean move.
+    paper: averages are corrected for bending (`intaglio.kernels.points`), so that blending does not thin wires; pairs end on
+    the surface instead of on its samples; geometry without a counterpart is cut in the middle of the overlap instead of at
+    the box; anchors follow the pairs' mean move.
     """
     device = device_or_error(device)
     seed = checked_seed(seed)
@@ -122,6 +126,11 @@ def extend_geometry(
     if (sides > longer).any():
         raise InputError(
             f"patch {_sides(sides)} is larger than the swatch's bounds {_sides(longer)}; give a smaller patch or a larger swatch"
+        )
+    if shorter < _LEAST_PATCH * texture.spacing:
+        raise InputError(
+            f"patch {_sides(sides)} is too small for samples {texture.spacing:.4g} apart: at least "
+            f"{_LEAST_PATCH * texture.spacing:.4g} is needed"
         )
     overlap = checked_number("overlap", 0.28 * shorter if overlap is None else overlap, texture.spacing, shorter / 2)
     extra = checked_number("extra", shorter / 4 if extra is None else extra, 0, shorter)
@@ -136,7 +145,7 @@ def extend_geometry(
         tolerance=checked_number("tolerance", tolerance, 0),
         max_error=np.inf if max_error is None else checked_number("max_error", max_error, 0),
         weights=chosen or PairingWeights(0, 0, 0, 0),
-        pairs=checked_count("pairs", pairs, 8, 2000),
+        pairs=checked_count("pairs", pairs, 8, 1000),
         rounds=checked_count("rounds", rounds, 0, 100),
         smoothing=checked_number("smoothing", smoothing, 1e-9, 1e3),
         warp=bool(warp),
@@ -170,6 +179,8 @@ def extend_geometry(
         if length is not None:
             place[:, axis] -= np.floor(place[:, axis] / length) * length
     records = records[((place >= layout.low) & (place < layout.high)).all(axis=1)]
+    if not len(records):
+        raise InputError(f"no geometry lies in an output of {_sides(wanted)}; give a larger size or another seed")
     color = texture.points.color
     return PointSet(
         swatch.to_world(records["point"] + (0.0, 0.0, swatch.origin[2])),
@@ -183,7 +194,8 @@ def extend_geometry(
 
 
 def _check_amount(texture: GeometryTexture, size: Array, cell: float) -> None:
-    count = len(texture.points) * float(np.prod(size)) / float(np.prod(texture.base))
+    with np.errstate(over="ignore"):
+        count = len(texture.points) * float(np.prod(size)) / float(np.prod(texture.base))
     if count > _MOST_POINTS:
         raise InputError(
             f"size {_sides(size)} would take about {count:.3g} points, more than {_MOST_POINTS:.0e}; give a smaller size, "

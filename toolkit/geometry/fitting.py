@@ -9,7 +9,7 @@ from intaglio.geometry.clustering import cluster
 from intaglio.geometry.layout import PatchPlace
 from intaglio.geometry.options import Settings
 from intaglio.geometry.swatch import Swatch
-from intaglio.geometry.warping import most_coherent, solve_splines
+from intaglio.geometry.warping import mean_moves, most_coherent, solve_splines
 from intaglio.kernels.pairing import PairCosts, Targets, pair_points
 from intaglio.kernels.points import PointSurface
 from intaglio.kernels.splines import warp_points
@@ -22,6 +22,8 @@ _FLATNESS = 0.03
 _FOLDED = 0.1
 # A fold halves the pairs so often before the patch is only shifted.
 _HALVINGS = 2
+# Fewer pairs make no spline.
+_LEAST_PAIRS = 4
 
 
 class PatchFitter:
@@ -91,13 +93,19 @@ class PatchFitter:
         targets = self._targets(places, begins, old)
         records = self.swatch.records
         chosen = pair_points(self.swatch.surface, records["variation"], targets, self._costs, self.settings.rounds)
-        found = []
-        for b, begin in enumerate(begins):
-            part = slice(targets.first[b], targets.first[b + 1])
-            there = chosen[part] >= 0
-            shift = np.array([*begin, 0.0])
-            found.append((records["point"][chosen[part][there]] - shift, targets.points[part][there] - shift))
-        return found
+        paired = np.flatnonzero(chosen >= 0)
+        group = np.repeat(np.arange(len(places)), np.diff(targets.first))[paired]
+        source, target = records["point"][chosen[paired]], targets.points[paired].astype(np.float64)
+        # Samples of two surfaces don't fall on one another: the mean move of the pairs near a target is followed instead
+        # of its own, and ends on the surface, not on a sample of it.
+        begun = target.copy()
+        for b in range(len(places)):
+            mine = group == b
+            begun[mine] += mean_moves(source[mine], target[mine], self._costs.radius)
+        feet = self.swatch.surface.project(begun, facing=targets.normals[paired], reach=self.swatch.support)
+        source = np.where(feet.found[:, None], feet.points, source)
+        shift = np.concatenate([np.array(begins), np.zeros((len(places), 1))], axis=1)
+        return [(source[group == b] - shift[b], target[group == b] - shift[b]) for b in range(len(places))]
 
     def _targets(self, places: list[PatchPlace], begins: list[Array], old: list[Array]) -> Targets:
         """Return points spread over each overlap, denser where the surface bends, moved over the swatch's patch."""
@@ -134,8 +142,9 @@ class PatchFitter:
                 break
             for b in todo:
                 sources, targets = paired[b]
-                share = 0.5 if attempt < _HALVINGS else 0.0
-                keep = most_coherent(sources, targets, self.settings.overlap / 2, share)
+                keep = most_coherent(sources, targets, self.settings.overlap / 2, 0.5)
+                # Too few for a spline, these only shift the patch by their mean.
+                keep = keep if attempt < _HALVINGS else keep[:3]
                 paired[b] = sources[keep], targets[keep]
         return out
 
@@ -145,7 +154,7 @@ class PatchFitter:
         The paper's corners map to themselves; with patches found to the nearest node that would stretch every patch by up
         to half a cell.
         """
-        if not len(sources):
+        if len(sources) < _LEAST_PAIRS:
             return sources, targets
         free = place.free_places(self.settings.extra)
         heights = (-self._unit / 4, self.swatch.height + self._unit / 4)

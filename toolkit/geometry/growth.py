@@ -22,6 +22,8 @@ _AT_ONCE = 32
 _PATCH = 64
 # A patch of fewer nodes a side is not divided further.
 _FEWEST_NODES = 6
+# Places of so many patches without a candidate are told.
+_TOLD = 10
 
 
 class Growth:
@@ -44,6 +46,7 @@ class Growth:
     def __init__(self, swatch: Swatch, layout: Layout, settings: Settings, margin: float, seed: int) -> None:
         self.swatch, self.layout, self.settings, self.seed = swatch, layout, settings, seed
         self.notes: list[str] = []
+        self._poor = 0
         self._margin = margin
         side = float(settings.patch.min()) / 4
         self._out = Buckets(side, layout.period)
@@ -88,11 +91,7 @@ class Growth:
             smallest = min(float(p.size.min()) for p in places)
             divide = divide and smallest / 2 >= _FEWEST_NODES * self.settings.cell
             for k in np.flatnonzero(poor):
-                where = places[k].origin + places[k].size / 2
-                what = "four smaller ones were put there" if divide else "the best was taken"
-                self.notes.append(
-                    f"the patch at {where[0]:.4g}, {where[1]:.4g} found no candidate (error {errors[k]:.3g}); {what}"
-                )
+                self._tell(places[k], errors[k], divide)
             if divide:
                 left = [p for p, bad in zip(places, poor, strict=True) if bad]
                 good = np.flatnonzero(~poor)
@@ -103,6 +102,17 @@ class Growth:
                 return left
         self._put(places, old, surface, begins)
         return []
+
+    def _tell(self, place: PatchPlace, error: float, divided: bool) -> None:
+        """Note where no candidate was found, up to a number that is still read."""
+        self._poor += 1
+        if self._poor > _TOLD:
+            rest = f"{self._poor - _TOLD} more patches found no candidate"
+            self.notes[-1:] = [rest] if self._poor > _TOLD + 1 else [self.notes[-1], rest]
+            return
+        where = place.origin + place.size / 2
+        what = "four smaller ones were put there" if divided else "the best was taken"
+        self.notes.append(f"the patch at {where[0]:.6g}, {where[1]:.6g} found no candidate (error {error:.3g}); {what}")
 
     def _surface(self, old: list[Array]) -> PointSurface:
         together = np.concatenate(old)

@@ -100,22 +100,15 @@ class PatchPlace:
         half = (self.size + share) / 2
         step = self.size - half
         for row, column in product((0, 1), (0, 1)):
-            overlap = np.array(
-                [
-                    share if column else min(self.overlap[0], half[0]),
-                    share if row else min(self.overlap[1], half[1]),
-                    min(self.overlap[2], half[0]) if column else 0.0,
-                    min(self.overlap[3], half[1]) if row else 0.0,
-                ]
-            )
-            extra = np.array(
-                [
-                    0.0 if column else self.extra[0],
-                    0.0 if row else self.extra[1],
-                    self.extra[2] if column else min(self.extra.max(), step[0]),
-                    self.extra[3] if row else min(self.extra.max(), step[1]),
-                ]
-            )
+            overlap, extra = np.zeros(4), np.zeros(4)
+            for axis, far in ((0, column), (1, row)):
+                before, after = self.overlap[axis], self.overlap[axis + 2]
+                overlap[axis] = max(share, before - step[axis]) if far else min(before, half[axis])
+                # What reaches in from the other side may reach past the middle.
+                overlap[axis + 2] = min(after, half[axis]) if far else max(0.0, after - step[axis])
+                extra[axis] = 0.0 if far else self.extra[axis]
+                inner = max(0.0, step[axis] - after) if after > 0 else step[axis]
+                extra[axis + 2] = self.extra[axis + 2] if far else min(self.extra.max(), inner)
             made.append(PatchPlace(self.number, self.origin + step * (column, row), half, overlap, extra, len(made) + 1))
         return made
 
@@ -138,8 +131,6 @@ class Layout:
         In scan-line order.
     levels : list of lists of int
         Patches, by number, that touch none of their level: each level follows those before it.
-    shape : (int, int)
-        Patches along and across.
     low, high : (2,) arrays
         The part of the plane that is kept.
     period : (float or None, float or None)
@@ -147,7 +138,6 @@ class Layout:
 
     places: tuple[PatchPlace, ...]
     levels: list[list[int]]
-    shape: tuple[int, int]
     low: Array
     high: Array
     period: tuple[float | None, float | None]
@@ -184,28 +174,18 @@ def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: flo
     columns, rows = counts
     places: list[PatchPlace] = []
     for row, column in product(range(rows), range(columns)):
-        wrap_right, wrap_top = toroidal and column == columns - 1, toroidal and row == rows - 1
-        overlaps = np.array(
-            [
-                over[0] if column else 0.0,
-                over[1] if row else 0.0,
-                over[0] if wrap_right else 0.0,
-                over[1] if wrap_top else 0.0,
-            ]
-        )
-        extras = np.array(
-            [
-                extra if toroidal and column == 0 else 0.0,
-                extra if toroidal and row == 0 else 0.0,
-                0.0 if wrap_right else extra,
-                0.0 if wrap_top else extra,
-            ]
-        )
         origin = begin + np.array([column, row]) * steps
+        overlaps = np.array([over[0] if column else 0.0, over[1] if row else 0.0, 0.0, 0.0])
+        extras = np.array([0.0, 0.0, extra, extra])
+        if toroidal:
+            # Past the period lies what the first column and row laid; nothing of that is replaced but by overlapping it.
+            room = length - (origin + patch)
+            overlaps[2:] = np.maximum(-room, 0)
+            extras = np.array([extra if column == 0 else 0.0, extra if row == 0 else 0.0, *np.clip(room, 0, extra)])
         places.append(PatchPlace(len(places), origin, np.asarray(patch, float), overlaps, extras))
     period = (float(length[0]), float(length[1])) if toroidal else (None, None)
     levels = _levels(places, (columns, rows), np.array(steps), margin, period)
-    return Layout(tuple(places), levels, (columns, rows), low, high, period)
+    return Layout(tuple(places), levels, low, high, period)
 
 
 def _levels(
@@ -214,7 +194,7 @@ def _levels(
     """Group patches whose boxes, and what they look at, don't meet; the result is that of scan-line order."""
     columns, rows = shape
     widest = max(float((p.high - p.low).max()) for p in places) + margin
-    span = [int(np.ceil(widest / step)) for step in steps]
+    span = [min(int(np.ceil(widest / step)), count) for step, count in zip(steps, shape, strict=True)]
     level = np.zeros(len(places), int)
     for number, place in enumerate(places):
         row, column = divmod(number, columns)

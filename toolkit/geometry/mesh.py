@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
-from intaglio.checks import checked_number
+from intaglio.checks import checked_positive
 from intaglio.devices import device_or_error
-from intaglio.errors import InputError
-from intaglio.geometry.point_set import PointSet
+from intaglio.errors import InputError, IntaglioWarning
+from intaglio.geometry.point_set import PointSet, axis_number, checked_points
 from intaglio.geometry.sampling import local_spacing
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.distance_fields import signed_distance
 from intaglio.kernels.points import PointSurface
 from intaglio.surface import Surface
-from intaglio.topology import pieces
+from intaglio.topology import border_edges, pieces
 
 Array = np.ndarray
 
-_MOST_NODES = 300_000_000
-# Nodes this many cells from a sample get a distance of their own.
-_BAND = 2
+_MOST_NODES = 150_000_000
+# Nodes this many cells, and this many distances of samples, from a sample get a distance of their own.
+_BAND, _COVER = 2, 1.5
+# A cell of more distances of samples loses what is thin.
+_COARSE = 2.0
 # In distances of samples: triangles farther from every sample close the rim of an open surface, and are dropped.
 _RIM = 1.6
 # Pieces of fewer vertices are single nodes in a gap narrower than a cell.
@@ -30,7 +34,7 @@ _AT_ONCE = 2_000_000
 
 
 def mesh_geometry(
-    points: PointSet, cell: float | None = None, *, closed: bool = False, axis: int | None = 2, device: str | None = None
+    points: PointSet, cell: float | None = None, *, closed: bool = False, axis: int | str | None = 2, device: str | None = None
 ) -> Surface:
     """Make a triangle mesh of points with normals.
 
@@ -45,8 +49,8 @@ def mesh_geometry(
     cell : float, optional
         Side of the cubes; default the distance of samples.
     closed : bool
-        Close what is cut at the output's border by flat faces, and rims of open sheets wherever the sides meet; else both are
-        left open.
+        Close what is cut at the output's border by flat faces, where the points bound a solid; a sheet, such as a height field,
+        stays open. The notes count the open edges.
     axis : int, optional
         Height axis: the borders of the other two are where the output was cut. None: it was not cut anywhere.
     device : str, optional
@@ -59,16 +63,25 @@ def mesh_geometry(
     Raises
     ------
     InputError
-        If there are too few points, or the grid would exceed 300 million nodes.
+        If there are too few points, or the grid would exceed 150 million nodes.
     """
     device = device_or_error(device)
+    checked_points(points)
+    axis = None if axis is None else axis_number(axis)
     if len(points) < 32:
         raise InputError(f"{len(points)} points are too few for a mesh; at least 32 are needed")
     spacing = float(np.median(local_spacing(points.points, points.normals)))
-    side = spacing if cell is None else checked_number("cell", cell, np.finfo(float).tiny)
+    side = spacing if cell is None else checked_positive("cell", cell)
+    if side > _COARSE * spacing:
+        warnings.warn(
+            f"cell {side:.4g} is more than {_COARSE:g} distances of samples ({spacing:.4g}): what is thinner than a cell is lost",
+            IntaglioWarning,
+            stacklevel=2,
+        )
+    band = max(_BAND, int(np.ceil(_COVER * spacing / side)))
     low, high = points.points.min(axis=0), points.points.max(axis=0)
     plane = [] if axis is None else [(axis + 1) % 3, (axis + 2) % 3]
-    begin, counts = low - _BAND * side, np.ceil((high - low) / side).astype(np.int64) + 2 * _BAND + 1
+    begin, counts = low - band * side, np.ceil((high - low) / side).astype(np.int64) + 2 * band + 1
     steps = np.full(3, side)
     for k in plane:
         # Nodes on the border itself: the cut is where it was made.
@@ -77,7 +90,7 @@ def mesh_geometry(
     if float(np.prod(counts.astype(float))) > _MOST_NODES:
         raise InputError(f"cell {side:.4g} makes a grid of {' x '.join(map(str, counts))} nodes; give a larger one, or a part")
     surface = PointSurface(points.points - low, points.normals, SUPPORT * spacing, device=device)
-    volume, known = _near_field(points.points, surface, begin - low, steps, counts, SUPPORT * spacing)
+    volume, known = _near_field(points.points, surface, begin - low, steps, counts, band, SUPPORT * spacing)
     _fill_sides(volume, known, SUPPORT * spacing)
     if closed:
         wide = [(1, 1) if k in plane else (0, 0) for k in range(3)]
@@ -85,7 +98,7 @@ def mesh_geometry(
         begin[plane] -= steps[plane]
     if volume.min() >= 0 or volume.max() <= 0:
         raise InputError("the points bound no volume and no sheet that this cell can show; give a smaller one")
-    vertices, faces, _, _ = marching_cubes(volume, 0.0, spacing=tuple(steps), gradient_direction="ascent")
+    vertices, faces, _, _ = marching_cubes(volume, 0.0, spacing=tuple(steps), gradient_direction="descent")
     vertices = vertices.astype(np.float64) + begin
     if closed:
         vertices[:, plane] = np.clip(vertices[:, plane], low[plane], high[plane])
@@ -105,12 +118,14 @@ def mesh_geometry(
         nearest = surface.nearest(vertices - low, reach=4 * spacing)
         color = points.color[np.maximum(nearest, 0)]
     nothing = np.zeros(len(vertices), bool)
-    notes = (*points.notes, f"mesh by marching cubes of side {side:.4g}")
+    left = len(border_edges(faces))
+    rims = f"; {left} edges stay open" if left else ", closed"
+    notes = (*points.notes, f"mesh by marching cubes of side {side:.4g}{rims}")
     return Surface(vertices=vertices, faces=faces, color=color, measured=nothing, notes=notes)
 
 
 def _near_field(
-    points: Array, surface: PointSurface, begin: Array, steps: Array, counts: Array, reach: float
+    points: Array, surface: PointSurface, begin: Array, steps: Array, counts: Array, band: int, reach: float
 ) -> tuple[Array, Array]:
     """Return distances at the nodes near a sample, and which those are."""
     known = np.zeros(counts, bool)
@@ -118,7 +133,7 @@ def _near_field(
     at = np.clip(at, 0, counts - 1)
     known[at[:, 0], at[:, 1], at[:, 2]] = True
     for axis in range(3):
-        known = ndimage.maximum_filter1d(known.view(np.uint8), 2 * _BAND + 1, axis=axis, mode="constant").view(bool)
+        known = ndimage.maximum_filter1d(known.view(np.uint8), 2 * band + 1, axis=axis, mode="constant").view(bool)
     volume = np.full(counts, np.float32(reach))
     node = np.flatnonzero(known)
     flat = volume.reshape(-1)

@@ -84,7 +84,7 @@ def is_height_field(points: Array, axis: int, spacing: float, normals: Array | N
     same = np.diff(column[order]) == 0
     # On one surface the heights of a column follow one another by about the distance of samples, also where it is steep.
     layered = np.zeros(column.max() + 1, bool)
-    layered[column[order][1:][same & (step > 3 * spacing)]] = True
+    layered[column[order][1:][same & (step > 1.5 * spacing)]] = True
     return bool(layered.mean() < _LAYERED)
 
 
@@ -109,31 +109,42 @@ def _hand_on_sides(points: Array, normals: Array, neighbours: Array, axis: int, 
     weights = (1.0001 - likeness[clear], (rows[clear], columns[clear]))
     tree = minimum_spanning_tree(coo_array(weights, shape=(count, count)).tocsr())
     _, label = connected_components(tree, directed=False)
+    _turn_along(tree, label, normals)
+    pieces = label.max() + 1
+    size = np.bincount(label, minlength=pieces)
+
+    def mean(value: Array) -> Array:
+        return np.bincount(label, value, pieces) / size
+
     bend = (points - points[neighbours].mean(axis=1)) / spacing
-    order = np.argsort(label, kind="stable")
-    settled = np.zeros(count, bool)
-    for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        if len(members) < _FEWEST:
-            continue
-        settled[members] = True
-        _turn_along(tree, normals, members[0])
-        outwards = (bend[members] * normals[members]).sum(axis=1).mean()
-        up = normals[members, axis].mean()
-        volume = ((points[members] - points[members].mean(axis=0)) * normals[members]).sum(axis=1).mean()
-        # The convex side of a thread is outside; of a sheet, the side that faces up.
-        if (outwards if abs(outwards) > _THIN else up if abs(up) > 0.3 else volume) < 0:
-            normals[members] *= -1
-    _take_over(normals, neighbours, points, settled)
+    middle = np.stack([mean(points[:, k]) for k in range(3)], axis=1)
+    outwards, up = mean((bend * normals).sum(axis=1)), mean(normals[:, axis])
+    volume = mean(((points - middle[label]) * normals).sum(axis=1))
+    # The convex side of a thread is outside; of a sheet, the side that faces up.
+    side = np.where(np.abs(outwards) > _THIN, outwards, np.where(np.abs(up) > 0.3, up, volume))
+    normals[side[label] < 0] *= -1
+    _take_over(normals, neighbours, points, (size >= _FEWEST)[label])
 
 
-def _turn_along(tree: csr_array, normals: Array, root: int) -> None:
-    """Turn the normals of the tree's piece that holds ``root`` so that they agree along its edges, in place."""
-    reached, before = breadth_first_order(tree, root, directed=False)
-    agree = ((normals[reached[1:]] * normals[before[reached[1:]]]).sum(axis=1) >= 0).tolist()
-    turned = {int(reached[0]): False}
-    for node, parent, same in zip(reached[1:].tolist(), before[reached[1:]].tolist(), agree, strict=True):
+def _turn_along(tree: csr_array, label: Array, normals: Array) -> None:
+    """Turn normals so that they agree along the edges of a forest, piece by piece, in place."""
+    count = len(normals)
+    first = np.unique(label, return_index=True)[1]
+    # One more node, joined to every piece, makes it a tree that one search goes through.
+    edges = coo_array(tree)
+    rows = np.concatenate([edges.coords[0], np.full(len(first), count)])
+    columns = np.concatenate([edges.coords[1], first])
+    whole = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count + 1, count + 1)).tocsr()
+    reached, before = breadth_first_order(whole, count, directed=False)
+    reached = reached[1:]
+    parents = before[reached]
+    below_root = parents == count
+    parents = np.where(below_root, reached, parents)
+    agree = (below_root | ((normals[reached] * normals[parents]).sum(axis=1) >= 0)).tolist()
+    turned = [False] * count
+    for node, parent, same in zip(reached.tolist(), parents.tolist(), agree, strict=True):
         turned[node] = turned[parent] != (not same)
-    normals[[node for node, turn in turned.items() if turn]] *= -1
+    normals[turned] *= -1
 
 
 def _take_over(normals: Array, neighbours: Array, points: Array, settled: Array) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from intaglio.checks import checked_number
 from intaglio.errors import InputError
 from intaglio.geometry.normals import is_height_field
 from intaglio.geometry.swatch import Swatch
@@ -85,14 +86,13 @@ def checked_weights(weights: PairingWeights | str) -> PairingWeights | None:
     """Return the weights that a name or a record gives, None for ``"auto"``."""
     if isinstance(weights, PairingWeights):
         for name, value in vars(weights).items():
-            if not np.isfinite(value) or value < 0:
-                raise InputError(f"weights: {name} must be a number of at least 0, not {value!r}")
+            checked_number(f"weights: {name}", value, 0)
         if weights.most_distance <= 0:
             raise InputError("weights: most_distance must be above 0")
         return weights
-    if weights == "auto":
+    if isinstance(weights, str) and weights == "auto":
         return None
-    if weights not in PRESETS:
+    if not isinstance(weights, str) or weights not in PRESETS:
         raise InputError(f"weights {weights!r} are not known; choose auto, {', '.join(PRESETS)}, or give PairingWeights")
     return PRESETS[weights]
 

@@ -27,7 +27,7 @@ class PointSet:
     source : (N,) int32 array, optional
         The point of the swatch that each was copied from; None for a swatch.
     moved : (N,) float32 array, optional
-        How far warp, blending and spreading moved it from where plain copying would have put it.
+        How far warp and blending moved it from where plain copying would have put it, and spreading after them.
     patch : (N,) int32 array, optional
         The patch that laid it, in scan-line order.
     notes : tuple of str
@@ -43,8 +43,7 @@ class PointSet:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        points = np.ascontiguousarray(self.points, np.float64)
-        normals = np.ascontiguousarray(self.normals, np.float64)
+        points, normals = _numbers(self.points, "points"), _numbers(self.normals, "normals")
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points must be an (N, 3) array, not {np.shape(self.points)}")
         if normals.shape != points.shape:
@@ -59,7 +58,7 @@ class PointSet:
         ):
             value = getattr(self, name)
             if value is not None:
-                value = np.ascontiguousarray(value, kind)
+                value = np.ascontiguousarray(_numbers(value, name), kind)
                 if value.shape != (len(points), *width):
                     raise InputError(f"{name} must have the shape {(len(points), *width)}, not {value.shape}")
                 object.__setattr__(self, name, value)
@@ -83,6 +82,36 @@ class PointSet:
         from intaglio.geometry.writing import write_points
 
         write_points(self, path)
+
+
+def axis_number(axis: int | str) -> int:
+    """Return 0, 1 or 2 for an axis or its name, or raise `InputError`."""
+    if isinstance(axis, str) and axis in ("x", "y", "z"):
+        return "xyz".index(axis)
+    if isinstance(axis, int | np.integer) and not isinstance(axis, bool) and 0 <= axis <= 2:
+        return int(axis)
+    raise InputError(f"axis must be x, y or z (0, 1, 2), not {axis!r}")
+
+
+def checked_points(points: object) -> None:
+    """Raise `InputError` for what is no PointSet with normals."""
+    if not isinstance(points, PointSet):
+        raise InputError(f"points must be a PointSet, not {type(points).__name__}")
+    if len(points) and np.linalg.norm(points.normals, axis=1).min() == 0:
+        raise InputError("points have normals of length 0")
+
+
+def _numbers(value: Array, name: str) -> Array:
+    """Return an array of finite numbers, or raise `InputError`."""
+    try:
+        array = np.asarray(value)
+    except ValueError as problem:
+        raise InputError(f"{name} must be an array of numbers ({problem})") from problem
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} must be an array of numbers, not of {array.dtype}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} hold NaN or infinity")
+    return np.ascontiguousarray(array, np.float64)
 
 
 @dataclass(frozen=True)

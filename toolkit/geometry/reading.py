@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.checks import checked_number, checked_positive
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
 from intaglio.geometry.point_set import GeometryTexture
 from intaglio.geometry.texture import geometry_from_height, geometry_from_mesh, geometry_from_points
-from intaglio.images import READABLE_SUFFIXES, read_image
+from intaglio.images import READABLE_SUFFIXES, read_image, read_samples
 from intaglio.mesh_reading import load_mesh, vertex_colors
 
 Array = np.ndarray
@@ -32,7 +33,7 @@ def read_geometry_texture(
     axis: int | str | None = None,
     spacing: float | None = None,
     height: float | None = None,
-    pixel: float = 1.0,
+    pixel: float | None = None,
     seed: int = 0,
 ) -> GeometryTexture:
     """Read a swatch of geometry texture.
@@ -50,9 +51,9 @@ def read_geometry_texture(
         Distance of samples: of a mesh or height map that is sampled, or to which points are thinned.
     height : float, optional
         For height maps: the height of white over black (of 1 over 0), in the unit of ``pixel``. Default a tenth of the
-        shorter side; EXR and TIFF of floats hold heights as they are.
+        shorter side, but 1 for EXR and TIFF of floats, which hold heights as they are.
     pixel : float
-        For height maps: side of a pixel.
+        For height maps: side of a pixel; default 1.
     seed : int
         For sampling.
 
@@ -65,6 +66,12 @@ def read_geometry_texture(
     """
     path = check_readable(path)
     kind = path.suffix.lower()
+    picture = kind in READABLE_SUFFIXES
+    for name, value, wanted in (("height", height, True), ("pixel", pixel, True), ("axis", axis, False)):
+        if value is not None and picture != wanted:
+            raise InputError(
+                f"{path}: {name} goes with {'height maps' if wanted else 'points and meshes'}, not with {kind} files"
+            )
     common: dict[str, Any] = {"bounds": bounds, "spacing": spacing}
     try:
         if kind in _POINTS:
@@ -74,8 +81,8 @@ def read_geometry_texture(
             return geometry_from_points(*found, axis=axis, **common)
         if kind in _MESHES:
             return _from_mesh_file(path, axis, common, seed)
-        if kind in READABLE_SUFFIXES:
-            return _from_picture(path, height, pixel, common, seed)
+        if picture:
+            return _from_picture(path, height, 1.0 if pixel is None else pixel, common, seed)
     except InputError as problem:
         raise InputError(f"{path}: {problem}") from problem
     known = (*_POINTS, *_MESHES, *READABLE_SUFFIXES)
@@ -152,8 +159,12 @@ def _from_picture(path: Path, height: float | None, pixel: float, common: dict[s
     picture = read_image(path, linear=True)
     gray = picture.mean(axis=2) if picture.ndim == 3 else picture
     note: tuple[str, ...] = ()
-    if height is None and path.suffix.lower() not in (".exr", ".tif", ".tiff"):
-        height = _RELIEF * min(gray.shape) * pixel
-        note = (f"the height of white over black was taken as {height:.4g}, a tenth of the shorter side; give height to set it",)
-    made = geometry_from_height(gray * (1.0 if height is None else height), pixel=pixel, seed=seed, **common)
+    if height is None:
+        height = 1.0
+        if read_samples(path).dtype.kind in "ui":
+            height = _RELIEF * min(gray.shape) * checked_positive("pixel", pixel)
+            note = (
+                f"the height of white over black was taken as {height:.4g}, a tenth of the shorter side; give height to set it",
+            )
+    made = geometry_from_height(gray * checked_number("height", height, -np.inf), pixel=pixel, seed=seed, **common)
     return replace(made, notes=made.notes + note)

@@ -13,11 +13,13 @@ Array = np.ndarray
 # A Poisson-disk choice of radius r has about one sample on (1.28 r)².
 RADIUS = 1 / 1.28
 
-_NEIGHBOURS = 8
+_FIRST, _NEIGHBOURS = 4, 12
 # Random samples for each one that is kept.
 _DENSE = 8
 # Samples of a mesh where no spacing is given.
 _USUAL = 50_000
+# More would take more than a few GiB to spread.
+_MOST = 2e6
 _STREAM, _PLACES = 62, 63
 # Samples of largest density measured: more would only cost time.
 _MEASURED = 20_000
@@ -41,9 +43,14 @@ def local_spacing(points: Array, normals: Array | None = None) -> Array:
     if normals is not None:
         facing = (normals[index] * normals[chosen, None]).sum(axis=2) > 0
         distance = np.sort(np.where(facing, distance, np.inf), axis=1)
-    column = min(_NEIGHBOURS, distance.shape[1]) - 1
-    # A disc about a sample whose border meets its k-th neighbour holds about k + 1/2 samples.
-    return distance[:, column] * np.sqrt(np.pi / (column + 1.5))
+    last = min(_NEIGHBOURS, distance.shape[1])
+    number = np.arange(min(_FIRST, last), last + 1)
+    # A disc about a sample whose border meets its k-th neighbour holds about k + 1/2 samples; several k, as on a lattice
+    # many lie equally far.
+    found = distance[:, number - 1] * np.sqrt(np.pi / (number + 0.5))
+    count = np.isfinite(found).sum(axis=1)
+    # Too few neighbours on its side: an edge of the swatch, or a stray point.
+    return np.where(count > 0, np.where(np.isfinite(found), found, 0).sum(axis=1) / np.maximum(count, 1), np.inf)
 
 
 def usual_nearest(points: Array) -> float:
@@ -53,12 +60,14 @@ def usual_nearest(points: Array) -> float:
 
 
 def thinned(points: Array, normals: Array, radius: float, seed: int = 0) -> Array:
-    """Return the indices of a Poisson-disk choice: none nearer to another on its side than ``radius``, and no room for more.
+    """Return the indices of a Poisson-disk choice: none nearer to another on its side than ``radius``, hardly room for more.
 
     Points are taken in random order, all that are first among their undecided neighbours at once, which is what taking them
     one by one gives.
     """
     rank = np.argsort(np.argsort(uniform(seed, _STREAM, np.arange(len(points))), kind="stable"))
+    every = _first_in_cells(points, normals, radius / 3, rank)
+    points, normals, rank = points[every], normals[every], rank[every]
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
     pairs = pairs[(normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) > 0]
     early = np.where(rank[pairs[:, 0]] < rank[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
@@ -72,8 +81,17 @@ def thinned(points: Array, normals: Array, radius: float, seed: int = 0) -> Arra
         state[late[taken[early]]] = -1
         alive = (state[early] == 0) & (state[late] == 0)
         early, late = early[alive], late[alive]
-    state[state == 0] = 1
-    return np.flatnonzero(state == 1)
+    return every[state != -1]
+
+
+def _first_in_cells(points: Array, normals: Array, side: float, rank: Array) -> Array:
+    """Return the indices of the first by rank in each small cell and octant of the normal: the rest is too near to it."""
+    cell = np.floor((points - points.min(axis=0, initial=0)) / side).astype(np.int64)
+    octant = (normals > 0) @ np.array([1, 2, 4])
+    order = np.lexsort((rank, octant, cell[:, 2], cell[:, 1], cell[:, 0]))
+    keys = np.concatenate([cell, octant[:, None]], axis=1)[order]
+    first = np.concatenate([[True], (np.diff(keys, axis=0) != 0).any(axis=1)]) if len(order) else np.zeros(0, bool)
+    return np.sort(order[first])
 
 
 def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed: int) -> tuple[Array, Array, Array, Array]:
@@ -94,8 +112,10 @@ def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed:
         raise InputError("the mesh has no area")
     spacing = np.sqrt(total / _USUAL) if spacing is None else spacing
     count = total / spacing**2
-    if count > 1e7:
-        raise InputError(f"spacing {spacing:g} asks for {count:.3g} samples of the mesh, at most 10 million; give a larger one")
+    if count > _MOST:
+        raise InputError(
+            f"spacing {spacing:g} asks for {count:.3g} samples of the mesh, at most {_MOST / 1e6:g} million; give a larger one"
+        )
     number = np.arange(max(int(_DENSE * count), 1))
     # Stratified along the running area: as even as random places can be.
     where = (number + uniform(seed, _PLACES, number, 0)) / len(number) * total

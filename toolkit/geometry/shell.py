@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.checks import checked_count, checked_number
+from intaglio.checks import checked_count, checked_number, checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import check_readable
 from intaglio.geometry.options import one_or_two
-from intaglio.geometry.point_set import PointSet
-from intaglio.kernels.shells import carry
+from intaglio.geometry.point_set import PointSet, axis_number, checked_points
+from intaglio.kernels.shells import Shell
 from intaglio.mesh_reading import load_mesh
 from intaglio.surface import vertex_normals
 
@@ -29,7 +29,7 @@ def wrap_geometry(
     *,
     size: float | tuple[float, float],
     repeat: tuple[int, int] = (1, 1),
-    axis: int = 2,
+    axis: int | str = 2,
     thickness: float | None = None,
     base: float | None = None,
     normals: Array | None = None,
@@ -40,7 +40,8 @@ def wrap_geometry(
     Parameters
     ----------
     points : PointSet
-        Of `extend_geometry`: from 0 to ``size`` in the plane. Toroidal where it is repeated or the mesh closes on itself.
+        Of `extend_geometry`: from 0 to ``size`` in the plane. Toroidal, where it is repeated or the mesh closes on itself:
+        another shows a seam there.
     vertices : (N, 3) array
     faces : (F, 3) int array
     uv : (N, 2) or (F, 3, 2) array
@@ -75,10 +76,14 @@ def wrap_geometry(
     """
     device = device_or_error(device)
     sides = one_or_two(size, "size")
-    turns = [checked_count("repeat", int(r) if float(r).is_integer() else r, 1, 1000) for r in repeat]
-    if len(turns) != 2:
+    if not isinstance(repeat, tuple | list) or len(repeat) != 2:
         raise InputError(f"repeat must be two whole numbers, not {repeat!r}")
-    corners, triangles = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
+    turns = [checked_count("repeat", r, 1, 1000) for r in repeat]
+    checked_points(points)
+    axis = axis_number(axis)
+    corners, triangles = _finite(vertices, "vertices"), np.asarray(faces)
+    if triangles.dtype.kind not in "iu":
+        raise InputError(f"faces must hold vertex numbers, not {triangles.dtype}")
     if corners.ndim != 2 or corners.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
         raise InputError(f"vertices must be (N, 3) and faces (F, 3) arrays, not {corners.shape} and {triangles.shape}")
     if triangles.min() < 0 or triangles.max() >= len(corners):
@@ -88,31 +93,32 @@ def wrap_geometry(
     area = np.abs(flat[:, 0, 0] * flat[:, 1, 1] - flat[:, 0, 1] * flat[:, 1, 0]) / 2
     edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
     solid = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
-    if not area.sum() > 0:
-        raise InputError("the texture coordinates have no area")
+    if not area.sum() > 0 or not solid.sum() > 0:
+        raise InputError(f"the {'texture coordinates have' if solid.sum() > 0 else 'mesh has'} no area")
     laid = sides * turns
     # Lengths on the mesh for a length of the texture, triangle by triangle.
     scale = np.sqrt(solid / np.maximum(area * laid[0] * laid[1], 1e-300))[area > 0]
     mean = float(np.sqrt(solid.sum() / (area.sum() * laid[0] * laid[1])))
-    height = mean if thickness is None else checked_number("thickness", thickness, 0)
+    height = mean if thickness is None else checked_positive("thickness", thickness)
     order = [(axis + 1) % 3, (axis + 2) % 3, axis]
     local, facing = points.points[:, order], points.normals[:, order]
     middle = (local[:, 2].min() + local[:, 2].max()) / 2 if len(local) else 0.0
     level = middle if base is None else checked_number("base", base, -np.inf)
-    unit = _smooth_normals(corners, triangles) if normals is None else np.asarray(normals, np.float64)
+    unit = _smooth_normals(corners, triangles) if normals is None else _finite(normals, "normals")
     if unit.shape != corners.shape:
         raise InputError(f"normals must have the shape {corners.shape} of the vertices, not {unit.shape}")
+    if np.linalg.norm(unit, axis=1).min() == 0:
+        raise InputError("the mesh has normals of length 0")
     center = corners.mean(axis=0)
     parts = []
+    shell = Shell(at_corners, corners[triangles] - center, unit[triangles], device)
     # In units of u and v a normal's components along the plane grow as lengths shrink.
     for i in range(turns[0]):
         for j in range(turns[1]):
             at = np.stack(
                 [(local[:, 0] + i * sides[0]) / laid[0], (local[:, 1] + j * sides[1]) / laid[1], local[:, 2] - level], axis=1
             )
-            place, turned, face = carry(
-                at, facing * (laid[0], laid[1], 1.0), at_corners, corners[triangles] - center, unit[triangles], height, device
-            )
+            place, turned, face = shell.carry(at, facing * (laid[0], laid[1], 1.0), height)
             there = face >= 0
             part = points.part(there)
             parts.append(replace(part, points=place[there] + center, normals=turned[there]))
@@ -143,6 +149,16 @@ def read_uv_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:
     if uv is None or len(uv) != len(mesh.vertices):
         raise InputError(f"{path}: holds no texture coordinates; lay the mesh flat first (intaglio.parameterize)")
     return np.asarray(mesh.vertices, np.float64), faces, np.asarray(uv, np.float64)
+
+
+def _finite(value: Array, name: str) -> Array:
+    try:
+        array = np.asarray(value, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"{name} must be an (N, 3) array of numbers ({problem})") from problem
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} of the mesh hold NaN or infinity")
+    return array
 
 
 def _per_corner(uv: Array, faces: Array, count: int) -> Array:

@@ -41,6 +41,10 @@ def spread(
     ring = _with_images(records, period, 2 * support)
     fixed = PointSurface(ring["point"], ring["normal"], support, device=device)
     added = _fillings(records, fixed, nearest, support)
+    for axis, length in enumerate(period):
+        if length is not None:
+            # What lies past the border is found again on the other side.
+            added = added[(added["point"][:, axis] >= 0) & (added["point"][:, axis] < length)]
     out = np.concatenate([records, added])
     for _ in range(rounds):
         ring = _with_images(out, period, 2 * support)

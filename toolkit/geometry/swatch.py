@@ -55,7 +55,7 @@ class Swatch:
                 name = "xyz"[self.axes[axis]]
                 self.notes.append(
                     f"geometry does not reach {padding:.4g} past the bounds along {name}; they were shrunk to "
-                    f"{bounds[0, axis]:.4g} … {bounds[1, axis]:.4g}"
+                    f"{bounds[0, axis]:.10g} … {bounds[1, axis]:.10g}"
                 )
         self.origin = bounds[0]
         self.base = bounds[1, :2] - bounds[0, :2]

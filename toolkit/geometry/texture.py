@@ -8,19 +8,22 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from intaglio.checks import checked_number
+from intaglio.checks import checked_positive
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.geometry.normals import estimate_normals
-from intaglio.geometry.point_set import GeometryTexture, PointSet
+from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number
 from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thinned
+from intaglio.randomness import checked_seed
 
 Array = np.ndarray
 
 _FEWEST = 32
+# Extents for which single precision has room.
+_SMALLEST, _LARGEST = 1e-12, 1e12
 # Local distances of samples (2 % and 98 % quantiles) may differ by this factor.
 MOST_UNEVEN = 3.0
 # A larger share of points with an opposing surface nearer than this many distances of samples is warned of.
-_OPPOSED_NEAR, _OPPOSED_SHARE = 0.75, 0.01
+_OPPOSED_NEAR, _OPPOSED_SHARE = 0.5, 0.01
 # Below this share of the bounds covered by the points' hull, the swatch is no rectangle.
 _FULL = 0.9
 
@@ -68,9 +71,10 @@ def geometry_from_points(
         raise InputError(f"{len(positions)} points are too few for a geometry texture; at least {_FEWEST} are needed")
     notes: list[str] = []
     directions = None if normals is None else _unit(_finite(normals, "normals"), len(positions))
-    colors = None if color is None else np.asarray(color, np.float32)
-    if colors is not None and colors.shape != positions.shape:
-        raise InputError(f"color must have the shape {positions.shape} of the points, not {colors.shape}")
+    colors = None if color is None else _colors(color, len(positions))
+    extent = float(np.ptp(positions, axis=0).max())
+    if not _SMALLEST < extent < _LARGEST and extent > 0:
+        raise InputError(f"the points extend over {extent:.3g}: bring them to a unit in which that is from 1e-12 to 1e12")
     _, first = np.unique(positions, axis=0, return_index=True)
     if len(first) < len(positions):
         notes.append(f"{len(positions) - len(first)} points that lie exactly on another were left out")
@@ -87,15 +91,14 @@ def geometry_from_points(
         directions, note = estimate_normals(positions, height_axis, measured)
         notes.append(note)
     if spacing is not None:
-        keep = thinned(positions, directions, RADIUS * checked_number("spacing", spacing, np.finfo(float).tiny))
+        keep = thinned(positions, directions, RADIUS * checked_positive("spacing", spacing))
         if len(keep) < _FEWEST:
             raise InputError(f"spacing {spacing:g} leaves {len(keep)} points; at least {_FEWEST} are needed: give a smaller one")
         notes.append(f"thinned from {len(positions)} to {len(keep)} points")
         positions, directions = positions[keep], directions[keep]
         colors = None if colors is None else colors[keep]
     local = local_spacing(positions, directions)
-    if not np.isfinite(local).all():
-        local = local_spacing(positions)
+    local = local[np.isfinite(local)] if np.isfinite(local).any() else local_spacing(positions)
     low, typical, high = np.quantile(local, [0.02, 0.5, 0.98])
     if high > MOST_UNEVEN * low:
         raise InputError(
@@ -147,11 +150,10 @@ def geometry_from_mesh(
         raise InputError(f"faces must be an (F, 3) array of vertex numbers, not {triangles.dtype} {triangles.shape}")
     if triangles.min() < 0 or triangles.max() >= len(corners):
         raise InputError(f"faces name vertices {triangles.min()} to {triangles.max()}; there are {len(corners)}")
-    distance = None if spacing is None else checked_number("spacing", spacing, np.finfo(float).tiny)
-    points, normals, face, weights = sample_triangles(corners, triangles, distance, seed)
-    colors = None
-    if color is not None:
-        colors = np.einsum("nk,nkc->nc", weights, np.asarray(color, np.float32)[triangles[face]])
+    distance = None if spacing is None else checked_positive("spacing", spacing)
+    at_corners = None if color is None else _colors(color, len(corners))
+    points, normals, face, weights = sample_triangles(corners, triangles, distance, checked_seed(seed))
+    colors = None if at_corners is None else np.einsum("nk,nkc->nc", weights, at_corners[triangles[face]])
     return geometry_from_points(points, normals, color=colors, bounds=bounds, axis=axis)
 
 
@@ -182,12 +184,15 @@ def geometry_from_height(
     InputError
         If the map is no finite (H, W) array of at least 6 x 6, and as `geometry_from_points` does.
     """
-    heights = np.asarray(height, np.float64)
+    try:
+        heights = np.asarray(height, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"height must be an (H, W) array of numbers ({problem})") from problem
     if heights.ndim != 2 or min(heights.shape) < 6:
         raise InputError(f"height must be an (H, W) array of at least 6 x 6, not {heights.shape}")
     if not np.isfinite(heights).all():
         raise InputError(f"height has {int((~np.isfinite(heights)).sum())} values that are not finite; fill or crop them")
-    side = checked_number("pixel", pixel, np.finfo(float).tiny)
+    side = checked_positive("pixel", pixel)
     rows, columns = heights.shape
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (rows - 0.5 - np.arange(rows)) * side)
     points = np.stack([x, y, heights], axis=-1).reshape(-1, 3)
@@ -214,6 +219,18 @@ def _finite(value: Array, name: str) -> Array:
     return array
 
 
+def _colors(color: Array, count: int) -> Array:
+    try:
+        colors = np.asarray(color, np.float32)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"color must be a ({count}, 3) array of linear values ({problem})") from problem
+    if colors.shape != (count, 3):
+        raise InputError(f"color must have the shape ({count}, 3), not {colors.shape}")
+    if not np.isfinite(colors).all() or colors.min(initial=0) < 0:
+        raise InputError("color holds NaN, infinity or negative values; give linear ones from 0 to 1")
+    return colors
+
+
 def _unit(normals: Array, count: int) -> Array:
     if len(normals) != count:
         raise InputError(f"there are {len(normals)} normals for {count} points")
@@ -225,18 +242,16 @@ def _unit(normals: Array, count: int) -> Array:
 
 
 def _axis(axis: int | str | None, points: Array) -> int:
-    if axis is None:
-        return int(np.argmin(np.ptp(points, axis=0)))
-    known = {"x": 0, "y": 1, "z": 2, 0: 0, 1: 1, 2: 2}
-    if isinstance(axis, bool) or axis not in known:
-        raise InputError(f"axis must be x, y or z (0, 1, 2), not {axis!r}")
-    return known[axis]
+    return int(np.argmin(np.ptp(points, axis=0))) if axis is None else axis_number(axis)
 
 
 def _bounds(bounds: Array | Sequence[Sequence[float]], axis: int) -> Array:
-    box = np.asarray(bounds, np.float64)
+    try:
+        box = np.asarray(bounds, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"bounds must be two finite corners, a (2, 3) array ({problem})") from problem
     if box.shape != (2, 3) or not np.isfinite(box).all():
-        raise InputError(f"bounds must be two finite corners, a (2, 3) array, not {np.shape(bounds)}")
+        raise InputError(f"bounds must be two finite corners, a (2, 3) array, not {box.tolist()}")
     size = box[1] - box[0]
     for k in range(3):
         if size[k] <= 0:
@@ -256,6 +271,12 @@ def _check_inside(points: Array, box: Array, axis: int) -> None:
         )
     if (box[1, plane] <= box[0, plane]).any():
         raise InputError("the points lie on a line: a geometry texture needs extent along two axes")
+    inside = within & (points[:, axis] >= box[0, axis]) & (points[:, axis] <= box[1, axis])
+    if not inside.any():
+        raise InputError(
+            f"no point lies between the bounds' heights {box[0, axis]:g} and {box[1, axis]:g}; the points within them reach "
+            f"from {points[within, axis].min():g} to {points[within, axis].max():g}"
+        )
     tall = float(((points[within, axis] < box[0, axis]) | (points[within, axis] > box[1, axis])).mean())
     if tall > 0.01:
         warnings.warn(
@@ -288,7 +309,7 @@ def _warn_of_opposing(points: Array, normals: Array, spacing: float) -> None:
     opposed = (found & ((normals[index] * normals[chosen, None]).sum(axis=2) < -0.5)).any(axis=1)
     if opposed.mean() > _OPPOSED_SHARE:
         warnings.warn(
-            f"{100 * opposed.mean():.0f} % of the points have an opposing surface nearer than {near:.3g}, three quarters of the "
+            f"{100 * opposed.mean():.0f} % of the points have an opposing surface nearer than {near:.3g}, half the "
             "distance of samples: such sheets may grow together; sample more densely",
             IntaglioWarning,
             stacklevel=3,

@@ -9,11 +9,14 @@ from intaglio.kernels.splines import Splines
 
 Array = np.ndarray
 
+# Numbers in the systems that are solved together; bounds memory.
+_SYSTEM_NUMBERS = 2e7
+
 
 def solve_splines(sources: list[Array], targets: list[Array], smoothing: float) -> Splines:
     """Return the thin-plate splines that take sources to targets, one for each pair of lists, in float64.
 
-    Minimises Σ |W(s) - t|² + smoothing · n · bending(W) through the usual system [K + λI, P; Pᵀ, 0] with K = -|c_i - c_j|
+    Minimises Σ |W(s) - t|² + smoothing · bending(W) through the usual system [K + λI, P; Pᵀ, 0] with K = -|c_i - c_j|
     (conditionally positive definite, so that λ > 0 makes it regular) and P = [1, s]. Coordinates are scaled to the spread of
     the sources first, so that ``smoothing`` means the same at any size. Systems are padded to one size and solved together.
 
@@ -29,7 +32,16 @@ def solve_splines(sources: list[Array], targets: list[Array], smoothing: float) 
     Wahba, *Spline Models for Observational Data* (1990), section 2.4.
     """
     count = len(sources)
-    sizes = np.array([len(s) for s in sources])
+    sizes = np.array([len(s) for s in sources], np.int64)
+    largest = int(sizes.max(initial=0)) + 4
+    together = max(1, int(_SYSTEM_NUMBERS // largest**2))
+    if count > together:
+        parts = [
+            solve_splines(sources[k : k + together], targets[k : k + together], smoothing) for k in range(0, count, together)
+        ]
+        first = np.concatenate([[0], np.cumsum(sizes)])
+        rest = (np.concatenate([getattr(p, name) for p in parts]) for name in ("centers", "weights", "linear", "offset"))
+        return Splines(first, *rest)
     first = np.concatenate([[0], np.cumsum(sizes)])
     centers = np.concatenate(sources) if first[-1] else np.zeros((0, 3))
     weights = np.zeros((first[-1], 3))
@@ -85,10 +97,14 @@ def _solved(system: Array, right: Array) -> Array:
         return out
 
 
+def mean_moves(sources: Array, targets: Array, radius: float) -> Array:
+    """Return the mean (n, 3) of sources minus targets about each target, weighted by a Gaussian of width ``radius``."""
+    near = np.exp(-((targets[:, None] - targets[None]) ** 2).sum(axis=2) / (2 * radius**2))
+    with single_threaded_blas():
+        return near @ (sources - targets) / near.sum(axis=1, keepdims=True)
+
+
 def most_coherent(sources: Array, targets: Array, radius: float, share: float) -> Array:
     """Return the indices of the ``share`` of pairs that move most as their neighbours do."""
-    move = targets - sources
-    near = np.exp(-((targets[:, None] - targets[None]) ** 2).sum(axis=2) / (2 * radius**2))
-    mean = near @ move / near.sum(axis=1, keepdims=True)
-    strange = np.linalg.norm(move - mean, axis=1)
+    strange = np.linalg.norm(sources - targets - mean_moves(sources, targets, radius), axis=1)
     return np.sort(np.argsort(strange, kind="stable")[: int(np.ceil(share * len(sources)))])

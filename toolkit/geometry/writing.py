@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from intaglio.errors import FileError
+from intaglio.errors import FileError, InputError
 from intaglio.files import whole_file
 from intaglio.mesh_writing import color_fields, ply_table
 
@@ -32,6 +32,8 @@ def write_points(points: PointSet, path: str | os.PathLike[str]) -> None:
     FileError
         For an unknown type, or if the file can't be written.
     """
+    if not hasattr(points, "normals"):
+        raise InputError(f"points must be a PointSet, not {type(points).__name__}")
     path = Path(path)
     writer = {".ply": _write_ply, ".xyz": _write_xyz, ".obj": _write_obj}.get(path.suffix.lower())
     if writer is None:
