@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SCENES := golf_ball golf_ball_hole golf_ball_mesh cylinder_bumps cylinder_wave plane_wave bunny_scan face_holes sea_vase bird_bath relighting real_relighting relit_teapot larger_photographs larger_materials larger_relightables photographed_head photographed_objects restoration
+SCENES := golf_ball golf_ball_hole golf_ball_mesh cylinder_bumps cylinder_wave plane_wave bunny_scan face_holes sea_vase bird_bath relighting real_relighting relit_teapot larger_photographs larger_materials larger_relightables photographed_head photographed_objects restoration brick_height chain_mail weave flowers knit trellis chain_mail_scan weave_on_vase
 SOURCES := $(shell find toolkit kernels render scenes -name '*.py' -not -path '*/__pycache__/*' | sort)
 # A strict editable install maps single files: it is renewed when pyproject.toml or the list of files changes.
 STAMP := $(VENV)/.installed-$(shell (echo $(SOURCES); cat pyproject.toml) | cksum | cut -d' ' -f1)
@@ -42,6 +42,7 @@ bench: install
 	@$(BIN)/python -m tests.benchmarks.photometric
 	@$(BIN)/python -m tests.benchmarks.synthesis
 	@$(BIN)/python -m tests.benchmarks.photographs
+	@$(BIN)/python -m tests.benchmarks.geometry
 
 docs: install
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'

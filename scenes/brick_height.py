@@ -21,7 +21,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("brick_height", "Brick height field", swatch(), (295.0, 295.0), 60.0, options(__doc__ or ""))
+    args = options(__doc__ or "")
+    run_extension("brick_height", "Brick height field", swatch(), (295.0, 295.0), 60.0, args)
 
 
 if __name__ == "__main__":

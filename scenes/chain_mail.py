@@ -27,7 +27,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("chain_mail", "Chain mail", swatch(), (26.0, 19.0), 5.0, options(__doc__ or ""), count=count)
+    args = options(__doc__ or "")
+    run_extension("chain_mail", "Chain mail", swatch(), (26.0, 19.0), 5.0, args, count=count)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("chain_mail_scan", "Scanned chain mail", swatch(), (1.6, 1.6), 0.3, options(__doc__ or ""))
+    args = options(__doc__ or "")
+    run_extension("chain_mail_scan", "Scanned chain mail", swatch(), (1.6, 1.6), 0.3, args)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("flowers", "Flowers", swatch(), (13.5, 11.5), 3.2, options(__doc__ or ""), weights="flowers")
+    args = options(__doc__ or "")
+    run_extension("flowers", "Flowers", swatch(), (13.5, 11.5), 3.2, args, weights="flowers")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("knit", "Knitted ribbing", swatch(), (9.0, 9.0), 1.7, options(__doc__ or ""))
+    args = options(__doc__ or "")
+    run_extension("knit", "Knitted ribbing", swatch(), (9.0, 9.0), 1.7, args)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("trellis", "Openwork trellis", swatch(), (15.0, 12.0), 3.6, options(__doc__ or ""))
+    args = options(__doc__ or "")
+    run_extension("trellis", "Openwork trellis", swatch(), (15.0, 12.0), 3.6, args)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,8 @@ def swatch() -> GeometryTexture:
 
 def main() -> None:
     """Run the scene."""
-    run_extension("weave", "Weave", swatch(), (17.0, 17.0), 3.9, options(__doc__ or ""), count=count)
+    args = options(__doc__ or "")
+    run_extension("weave", "Weave", swatch(), (17.0, 17.0), 3.9, args, count=count)
 
 
 if __name__ == "__main__":

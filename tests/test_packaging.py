@@ -66,7 +66,7 @@ def test_public_names_exist_and_are_documented():
         assert name == "__version__" or (value.__doc__ and len(value.__doc__) > 20), name
 
 
-@pytest.mark.parametrize("name", ["relief", "photometric", "synthesis", "photographs"])
+@pytest.mark.parametrize("name", ["relief", "photometric", "synthesis", "photographs", "geometry"])
 def test_benchmarks_start(name):
     """Nothing else imports them: a name that is gone would show up only when someone measures."""
     done = subprocess.run(
