@@ -101,7 +101,7 @@ def chain_mail(columns: int = 7, rows: int = 14, spacing: float = 0.096, seed: i
 MAIL = (2.5, 0.7, 0.6)
 
 
-def flowers(columns: int = 7, rows: int = 7, spacing: float = 0.049, seed: int = 3) -> tuple[Array, Array, Array]:
+def flowers(columns: int = 7, rows: int = 7, spacing: float = 0.0535, seed: int = 3) -> tuple[Array, Array, Array]:
     """Return points, normals and flower number of flowers that don't touch: a dome and five petals each, all different."""
     rng = np.random.default_rng(seed)
     points: list[Array] = []
@@ -111,13 +111,13 @@ def flowers(columns: int = 7, rows: int = 7, spacing: float = 0.049, seed: int =
         for column in range(columns):
             center = np.array([column + 0.5 * (row % 2), 0.9 * row, 0.0]) * 1.5 + np.append(rng.normal(0, 0.05, 2), 0)
             turn, size, lift = rng.normal(0, 0.1), rng.uniform(0.94, 1.06), rng.uniform(0.14, 0.24)
-            parts = [(np.array([0, 0, 0.12]), np.eye(3), np.array([0.17, 0.17, 0.14]) * size)]
+            parts = [(np.array([0, 0, 0.14]), np.eye(3), np.array([0.2, 0.2, 0.18]) * size)]
             for petal in range(5):
                 angle = turn + petal * 2 * np.pi / 5
                 out = np.array([np.cos(angle) * np.cos(lift), np.sin(angle) * np.cos(lift), np.sin(lift)])
                 side = np.array([-np.sin(angle), np.cos(angle), 0.0])
                 axes = np.stack([out, side, np.cross(out, side)])
-                parts.append((0.34 * size * out, axes, np.array([0.27, 0.15, 0.075]) * size))
+                parts.append((0.34 * size * out, axes, np.array([0.26, 0.17, 0.13]) * size))
             p, n = _union(parts, spacing, seed + len(labels))
             points.append(p + center)
             normals.append(n)

@@ -48,8 +48,8 @@ def row(name: str, texture: GeometryTexture, size: tuple[float, float], patch: f
     report = assess_geometry(made, texture)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(
-        f"{name}: {len(texture.points)} -> {len(made)} points in {took:.2f} s, {1e6 * took / len(made):.1f} microseconds a point, "
-        f"peak {peak:.2f} GiB"
+        f"{name}: {len(texture.points)} -> {len(made)} points in {took:.2f} s, {1e6 * took / len(made):.1f} microseconds "
+        f"a point, peak {peak:.2f} GiB"
     )
     for line in report.lines():
         print(f"  {line}")
