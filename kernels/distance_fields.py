@@ -14,7 +14,8 @@ import warp as wp
 
 from intaglio.kernels.lanes import LANES, squared_terms, vec16
 from intaglio.kernels.launch import launch
-from intaglio.kernels.points import PointSurface, nearest_point, settle
+from intaglio.kernels.point_surface import PointSurface
+from intaglio.kernels.points import nearest_point, settle
 
 wp.set_module_options({"enable_backward": False})
 

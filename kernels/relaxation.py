@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from intaglio.kernels.launch import launch
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 
 wp.set_module_options({"enable_backward": False})
 

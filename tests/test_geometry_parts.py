@@ -15,7 +15,7 @@ from intaglio.geometry.spreading import spread
 from intaglio.geometry.warping import most_coherent, solve_splines
 from intaglio.kernels.launch import set_threads
 from intaglio.kernels.pairing import PairCosts, Targets, pair_points
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.splines import warp_points
 from intaglio.scenes.swatches import chain_mail, weave
 

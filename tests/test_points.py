@@ -8,7 +8,7 @@ import pytest
 
 from intaglio.kernels.distance_fields import Overlaps, PatchSearch, candidates, signed_distance
 from intaglio.kernels.launch import set_threads
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps, repelled
 
 

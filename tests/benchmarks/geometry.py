@@ -13,7 +13,7 @@ import warnings
 import numpy as np
 
 from intaglio import GeometryTexture, IntaglioWarning, assess_geometry, extend_geometry
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.scenes import brick_height, chain_mail, flowers, weave
 from intaglio.scenes.connections import broken_threads, closed_rings
 from tests.benchmarks.timing import best

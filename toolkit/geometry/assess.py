@@ -13,7 +13,7 @@ from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.geometry.point_set import GeometryTexture, PointSet, checked_points
 from intaglio.geometry.swatch import SUPPORT
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps
 
 Array = np.ndarray

@@ -11,7 +11,7 @@ from intaglio.geometry.options import Settings
 from intaglio.geometry.swatch import Swatch
 from intaglio.geometry.warping import mean_moves, most_coherent, solve_splines
 from intaglio.kernels.pairing import PairCosts, Targets, pair_points
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.splines import warp_points
 
 Array = np.ndarray

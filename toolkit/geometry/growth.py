@@ -12,7 +12,7 @@ from intaglio.geometry.layout import Layout, PatchPlace
 from intaglio.geometry.options import Settings
 from intaglio.geometry.swatch import Swatch, layer_heights
 from intaglio.kernels.distance_fields import Overlaps, PatchSearch, candidates, signed_distance
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.randomness import uniform
 
 Array = np.ndarray

@@ -15,7 +15,7 @@ from intaglio.geometry.point_set import PointSet, axis_number, checked_points
 from intaglio.geometry.sampling import local_spacing
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.distance_fields import signed_distance
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.surface import Surface
 from intaglio.topology import border_edges, pieces
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from intaglio.geometry.sampling import thinned
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps, repelled
 
 Array = np.ndarray

@@ -9,7 +9,7 @@ from intaglio.geometry.buckets import RECORD, Buckets
 from intaglio.geometry.point_set import GeometryTexture
 from intaglio.geometry.sampling import usual_nearest
 from intaglio.kernels.distance_fields import signed_distance
-from intaglio.kernels.points import PointSurface
+from intaglio.kernels.point_surface import PointSurface
 
 Array = np.ndarray
 

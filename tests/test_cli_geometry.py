@@ -1,0 +1,85 @@
+"""The command extend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from intaglio import (
+    PointSet,
+)
+from intaglio.scenes.swatches import weave
+from intaglio.scenes.weave_on_vase import vase
+
+
+@pytest.fixture
+def swatch_file(tmp_path):
+    points, normals, _ = weave(6, 0.13)
+    PointSet(points, normals).write(tmp_path / "weave.ply")
+    return tmp_path / "weave.ply"
+
+
+def test_the_command_writes_points_mesh_and_report(swatch_file, run):
+    folder = swatch_file.parent
+    before = swatch_file.read_bytes()
+    code, said, errors = run(
+        "extend", swatch_file, "-o", folder / "big.ply", "--size", "6,5", "--patch", "2.6", "--mesh", folder / "big.glb",
+        "--report", folder / "big.html", "--axis", "z",
+    )  # fmt: skip
+    assert code == 0, errors
+    assert swatch_file.read_bytes() == before
+    assert "points from a swatch of" in said
+    assert "step at patch borders" in said
+    assert "shrunk" in errors
+    raw = trimesh.load(folder / "big.ply").metadata["_ply_raw"]["vertex"]["data"]
+    assert {"source", "moved", "patch"} <= set(raw.dtype.names)
+    assert len(trimesh.load(folder / "big.glb", force="mesh").faces) > 1000
+    assert (folder / "big.html").read_text("utf-8").count("<img") == 6
+
+
+def test_the_command_lays_the_result_over_a_mesh(swatch_file, run):
+    folder = swatch_file.parent
+    vertices, faces, uv = vase(24, 24)
+    visual = trimesh.visual.TextureVisuals(uv=uv)
+    trimesh.Trimesh(vertices, faces, visual=visual, process=False).export(folder / "vase.obj")
+    code, _, errors = run(
+        "extend", swatch_file, "-o", folder / "vase.ply", "--size", "8", "--patch", "2.2", "--extra", "0.4", "--toroidal",
+        "--over", folder / "vase.obj", "--repeat", "2,1",
+    )  # fmt: skip
+    assert code == 0, errors
+    assert "on the mesh on average" in errors
+    points = trimesh.load(folder / "vase.ply").vertices
+    assert np.linalg.norm(points[:, :2], axis=1).max() < 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "weave.ply", "--size", "6"], "is the input itself"),
+        (["-o", "big.stl", "--size", "6"], "unknown points type|unknown"),
+        (["-o", "none/big.ply", "--size", "6"], "does not exist"),
+        (["-o", "big.ply", "--size", "6,5,4"], "--size takes one number or two"),
+        (["-o", "big.ply", "--size", "6", "--patch", "99"], "larger than the swatch"),
+        (["-o", "big.ply", "--size", "6", "--closed"], "--closed goes with --mesh"),
+        (["-o", "big.ply", "--size", "6", "--repeat", "2,2"], "--repeat goes with --over"),
+        (["-o", "big.ply", "--size", "6", "--mesh-cell", "2"], "--mesh-cell goes with --mesh"),
+        (["-o", "big.ply", "--size", "6", "--over", "weave.ply"], "no triangles|texture coordinates"),
+        (["-o", "big.ply", "--size", "6", "--bounds", "0,0,0,1,1,0"], "bounds have no"),
+        (["-o", "big.ply", "--size", "6", "--mesh", "big.ply"], "must be different files"),
+        (["-o", "big.ply", "--size", "6", "--mesh", "big.glb", "--mesh-cell", "0"], "mesh-cell"),
+        (["-o", "big.ply", "--size", "0"], "--size must be above 0"),
+        (["-o", "big.ply", "--size", "6", "--over", "weave.ply", "--repeat", "1.5,1"], "--repeat must be two whole"),
+        (["-o", "big.ply", "--size", "6", "--height", "3"], "height goes with height maps"),
+        (["-o", "big.ply", "--size", "6", "--mesh", "big.doc"], "unknown mesh type|unknown"),
+        (["-o", "big.ply", "--size", "6", "--report", "big.txt"], "report"),
+    ],
+)
+def test_the_command_tells_what_is_wrong(swatch_file, run, words, message):
+    import re
+
+    code, _, errors = run("extend", swatch_file, *words, cwd=swatch_file.parent)
+    assert code == 2
+    assert re.search(message, errors)
+    assert "Traceback" not in errors
+    assert sorted(p.name for p in swatch_file.parent.iterdir()) == ["weave.ply"]
