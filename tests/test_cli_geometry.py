@@ -83,3 +83,11 @@ def test_the_command_tells_what_is_wrong(swatch_file, run, words, message):
     assert re.search(message, errors)
     assert "Traceback" not in errors
     assert sorted(p.name for p in swatch_file.parent.iterdir()) == ["weave.ply"]
+
+
+def test_info_tells_of_points(swatch_file, run):
+    code, said, _ = run("info", swatch_file)
+    assert code == 0
+    assert "points with normals" in said
+    assert "height axis z" in said
+    assert "no height field" in said

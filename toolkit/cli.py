@@ -20,8 +20,9 @@ from intaglio.cli_photometric import assess, relight, represent
 from intaglio.cli_synthesis import rank, synthesize
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError, IntaglioWarning
-from intaglio.facts import image_facts, is_texture, mesh_facts, stack_facts, system_facts, texture_facts
+from intaglio.facts import image_facts, is_texture, mesh_facts, point_facts, stack_facts, system_facts, texture_facts
 from intaglio.files import check_readable, check_writable
+from intaglio.geometry.reading import POINT_FILES, holds_points
 from intaglio.images import IMAGE_SUFFIXES
 from intaglio.kernels.launch import start_quietly
 from intaglio.mesh_writing import WRITABLE
@@ -208,7 +209,7 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
 @click.option("--repair", is_flag=True, help="Repair meshes on reading, and say what was done.")
 @common
 def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -> None:
-    """Show versions, devices and the renderer's variant; or the facts of meshes, images, textures and photometric stacks."""
+    """Show versions, devices and the renderer's variant; or the facts of meshes, points, images, textures and stacks."""
     device_or_error(device)
     if not files:
         for line in system_facts(device):
@@ -221,6 +222,8 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
             check_readable(path)
         if folder or suffix in STACK_SUFFIXES:
             lines = stack_facts(path)
+        elif suffix in POINT_FILES or (suffix in WRITABLE and holds_points(path)):
+            lines = point_facts(path)
         elif suffix in WRITABLE:
             lines = mesh_facts(path, repair)
         elif is_texture(path):
@@ -228,7 +231,7 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
         elif suffix in IMAGE_SUFFIXES:
             lines = image_facts(path)
         else:
-            known = ", ".join((*WRITABLE, *IMAGE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
+            known = ", ".join((*WRITABLE, *POINT_FILES, *IMAGE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
             raise InputError(f"{path}: no mesh, image, texture or stack's light positions ({known}, or a stack's folder)")
         click.echo(str(path))
         for line in lines:

@@ -11,6 +11,8 @@ import warp as wp
 
 from intaglio.devices import device_or_error
 from intaglio.errors import IntaglioError
+from intaglio.geometry.normals import is_height_field
+from intaglio.geometry.reading import read_geometry_texture
 from intaglio.images import read_exr, read_image
 from intaglio.kernels.launch import threads
 from intaglio.mesh_reading import read_surface
@@ -68,6 +70,21 @@ def mesh_facts(path: Path, repair: bool) -> list[str]:
         except IntaglioError as error:
             lines.append(f"best base: none ({error})")
     return [*lines, *surface.notes]
+
+
+def point_facts(path: Path) -> list[str]:
+    """Return number, bounds, sampling and kind of surface of a file of points."""
+    texture = read_geometry_texture(path)
+    points = texture.points
+    low, high = texture.bounds
+    field = is_height_field(points.points, texture.axis, texture.spacing, points.normals)
+    return [
+        f"{len(points)} points with normals, {texture.spacing:.4g} apart",
+        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}; height axis {'xyz'[texture.axis]}",
+        f"colour per point: {'yes' if points.color is not None else 'no'}",
+        "a height field" if field else "surfaces over one another, no height field",
+        *texture.notes,
+    ]
 
 
 def image_facts(path: Path) -> list[str]:

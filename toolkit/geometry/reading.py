@@ -20,7 +20,7 @@ from intaglio.mesh_reading import load_mesh, vertex_colors
 
 Array = np.ndarray
 
-_POINTS = (".xyz", ".txt", ".pts")
+POINT_FILES = (".xyz", ".txt", ".pts")
 _MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 # Of a height map's shorter side, where its range is not given.
 _RELIEF = 0.1
@@ -74,7 +74,7 @@ def read_geometry_texture(
             )
     common: dict[str, Any] = {"bounds": bounds, "spacing": spacing}
     try:
-        if kind in _POINTS:
+        if kind in POINT_FILES:
             points, normals = _table(path)
             return geometry_from_points(points, normals, axis=axis, **common)
         if kind == ".obj" and (found := _obj_points(path)) is not None:
@@ -85,8 +85,21 @@ def read_geometry_texture(
             return _from_picture(path, height, 1.0 if pixel is None else pixel, common, seed)
     except InputError as problem:
         raise InputError(f"{path}: {problem}") from problem
-    known = (*_POINTS, *_MESHES, *READABLE_SUFFIXES)
+    known = (*POINT_FILES, *_MESHES, *READABLE_SUFFIXES)
     raise FileError(f"{path}: unknown type {kind!r} of a swatch; known: {', '.join(sorted(set(known)))}")
+
+
+def holds_points(path: Path) -> bool:
+    """Return whether a file holds points without faces: a list of points, or a PLY or OBJ file of nothing else."""
+    kind = path.suffix.lower()
+    if kind == ".obj":
+        return _obj_points(path) is not None
+    if kind == ".ply":
+        with open(path, "rb") as file:
+            header = file.read(65536).split(b"end_header")[0].split(b"\n")
+        counts = [line.split()[2] for line in header if line.startswith((b"element face", b"element range_grid"))]
+        return all(count == b"0" for count in counts)
+    return kind in POINT_FILES
 
 
 def _table(path: Path) -> tuple[Array, Array | None]:
