@@ -321,6 +321,7 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
         (float("nan"), 3.2, {}, "size must be"),
         (1e6, 3.2, {}, "more than"),
         (8, -1, {}, "patch must be"),
+        (8, 3.2, {"toroidal": "no"}, "toroidal must be True or False"),
         (8, 0.3, {}, "patch .* is too small"),
         (8, 3.2, {"weights": ["auto"]}, "are not known"),
         (1e300, 3.2, {}, "more than"),

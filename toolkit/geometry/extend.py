@@ -120,6 +120,9 @@ def extend_geometry(
     seed = checked_seed(seed)
     if not isinstance(texture, GeometryTexture):
         raise InputError(f"texture must be a GeometryTexture (see read_geometry_texture), not {type(texture).__name__}")
+    for name, value in (("toroidal", toroidal), ("warp", warp), ("blend", blend)):
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"{name} must be True or False, not {value!r}")
     wanted = one_or_two(size, "size")
     sides = np.full(2, texture.base.min() / 3) if patch is None else one_or_two(patch, "patch")
     shorter, longer = float(sides.min()), texture.base
