@@ -124,7 +124,11 @@ def test_a_height_map_becomes_points_the_right_way_up(tmp_path):
     read = read_geometry_texture(tmp_path / "bump.png", pixel=0.5, height=2.0)
     assert read.height == pytest.approx(2.0)
     guessed = read_geometry_texture(tmp_path / "bump.png")
-    assert any("tenth of the shorter side" in n for n in guessed.notes)
+    assert any("thirtieth of the shorter side" in n for n in guessed.notes)
+    steep = geometry_from_height(6 * np.sin(np.arange(40) / 2)[None] * np.ones((40, 1)))
+    assert any("steeper than 45" in n for n in steep.notes)
+    assert steep.spacing == pytest.approx(1, rel=0.12)
+    assert len(steep.points) > 1.5 * 1600
     dense = geometry_from_height(np.tile(np.linspace(0, 30, 30), (20, 1)), spacing=0.7)
     assert dense.spacing == pytest.approx(0.7, rel=0.12)
     for bad in (np.zeros((3, 3)), np.zeros(9), np.full((9, 9), np.nan)):

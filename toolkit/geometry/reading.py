@@ -23,7 +23,7 @@ Array = np.ndarray
 POINT_FILES = (".xyz", ".txt", ".pts")
 _MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 # Of a height map's shorter side, where its range is not given.
-_RELIEF = 0.1
+_RELIEF = 1 / 30
 
 
 def read_geometry_texture(
@@ -50,7 +50,7 @@ def read_geometry_texture(
     spacing : float, optional
         Distance of samples: of a mesh or height map that is sampled, or to which points are thinned.
     height : float, optional
-        For height maps: the height of white over black (of 1 over 0), in the unit of ``pixel``. Default a tenth of the
+        For height maps: the height of white over black (of 1 over 0), in the unit of ``pixel``. Default a thirtieth of the
         shorter side, but 1 for EXR and TIFF of floats, which hold heights as they are.
     pixel : float
         For height maps: side of a pixel; default 1.
@@ -177,7 +177,7 @@ def _from_picture(path: Path, height: float | None, pixel: float, common: dict[s
         if read_samples(path).dtype.kind in "ui":
             height = _RELIEF * min(gray.shape) * checked_positive("pixel", pixel)
             note = (
-                f"the height of white over black was taken as {height:.4g}, a tenth of the shorter side; give height to set it",
+                f"the height of white over black was taken as {height:.4g}, a thirtieth of the shorter side; set it with height",
             )
     made = geometry_from_height(gray * checked_number("height", height, -np.inf), pixel=pixel, seed=seed, **common)
     return replace(made, notes=made.notes + note)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
@@ -18,6 +19,8 @@ from intaglio.randomness import checked_seed
 Array = np.ndarray
 
 _FEWEST = 32
+# Share of a height map that may be steeper than 45° before its pixels are too uneven as samples.
+_STEEP = 0.1
 # Extents for which single precision has room.
 _SMALLEST, _LARGEST = 1e-12, 1e12
 # Local distances of samples (2 % and 98 % quantiles) may differ by this factor.
@@ -165,7 +168,7 @@ def geometry_from_height(
     bounds: Array | None = None,
     seed: int = 0,
 ) -> GeometryTexture:
-    """Make a geometry texture of a height map: a point for every pixel, x right, y up (row 0 is the top), z the height.
+    """Make a geometry texture of a height map: x right, y up (row 0 is the top), z the height.
 
     Parameters
     ----------
@@ -174,7 +177,8 @@ def geometry_from_height(
     pixel : float
         Side of a pixel.
     spacing : float, optional
-        Sample the surface evenly at this distance instead, as steep maps need.
+        Sample the surface evenly at this distance. Default: a point for each pixel, unless more than a tenth of the map is
+        steeper than 45°, where pixels would leave the slopes bare; then evenly, a pixel apart.
     bounds : (2, 3) array, optional
         As for `geometry_from_points`.
     seed : int
@@ -196,12 +200,17 @@ def geometry_from_height(
     rows, columns = heights.shape
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (rows - 0.5 - np.arange(rows)) * side)
     points = np.stack([x, y, heights], axis=-1).reshape(-1, 3)
+    down, right = np.gradient(heights, side)
+    steep = float((np.hypot(down, right) > 1).mean())
+    if spacing is None and steep > _STEEP:
+        made = geometry_from_height(heights, pixel=side, spacing=side, bounds=bounds, seed=seed)
+        note = f"{100 * steep:.0f} % of the height map is steeper than 45°: its surface was sampled evenly, a pixel apart"
+        return replace(made, notes=(note, *made.notes))
     if spacing is not None:
         number = np.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
         faces = np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).reshape(-1, 3)
         return geometry_from_mesh(points, faces, spacing=spacing, bounds=bounds, axis=2, seed=seed)
-    down, right = np.gradient(heights, side)
     normals = np.stack([-right, down, np.ones_like(heights)], axis=-1).reshape(-1, 3)
     return geometry_from_points(points, normals, bounds=bounds, axis=2)
 
