@@ -33,6 +33,7 @@ class PairWeights:
     most_normal: float
     most_variation: float
     unit: float
+    radius: float
 
 
 @wp.kernel
@@ -43,7 +44,7 @@ def coherence_kernel(
     targets: wp.array(dtype=wp.vec3),
     sources: wp.array(dtype=wp.vec3),
     pair: wp.array(dtype=wp.int32),
-    radius: float,
+    weights: PairWeights,
     # output
     length: wp.array(dtype=float),
     direction: wp.array(dtype=wp.vec3),
@@ -59,7 +60,7 @@ def coherence_kernel(
         s = pair[k]
         if s >= 0:
             d = sources[s] - targets[k]
-            w = wp.exp(-wp.length_sq(q - targets[k]) / (2.0 * radius * radius))
+            w = wp.exp(-wp.length_sq(q - targets[k]) / (2.0 * weights.radius * weights.radius))
             total += w
             mean += w * wp.length(d)
             toward += w * d
@@ -179,10 +180,8 @@ class PairCosts:
     def on_device(self) -> PairWeights:
         """Return them as kernels take them."""
         weights = PairWeights()
-        for name in ("position", "normal", "variation", "length", "direction", "unit"):
-            setattr(weights, name, float(getattr(self, name)))
-        for name in ("most_position", "most_normal", "most_variation"):
-            setattr(weights, name, float(getattr(self, name)))
+        for name, value in vars(self).items():
+            setattr(weights, name, float(value))
         return weights
 
 
@@ -244,7 +243,7 @@ def pair_points(
     for turn in range(rounds + 1):
         if turn:
             launch(
-                coherence_kernel, count, [first, group, points, surface.points, pair, float(costs.radius)], [near, toward],
+                coherence_kernel, count, [first, group, points, surface.points, pair, weights], [near, toward],
                 device=device, work=10 * count / max(len(targets.first) - 1, 1),
             )  # fmt: skip
         launch(

@@ -14,6 +14,7 @@ from intaglio.progress import ProgressBar
 from intaglio.render.view import Light, frame, view
 from intaglio.scenes.common import options
 from intaglio.scenes.weave import swatch
+from intaglio.topology import grid_faces
 
 Array = np.ndarray
 
@@ -32,10 +33,7 @@ def vase(columns: int = 96, rows: int = 96) -> tuple[Array, Array, Array]:
     place = np.stack([np.outer(np.cos(angle), r), np.outer(np.sin(angle), r), np.outer(np.ones(columns + 1), z)], axis=-1)
     # The last column is the first, to the bit, so that the seam leaves no crease.
     place[-1] = place[0]
-    number = np.arange((columns + 1) * rows).reshape(columns + 1, rows)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    faces = np.concatenate([np.stack([a, b, c], axis=-1).reshape(-1, 3), np.stack([a, c, d], axis=-1).reshape(-1, 3)])
-    return place.reshape(-1, 3), faces, np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    return place.reshape(-1, 3), grid_faces(columns + 1, rows), np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def main() -> None:

@@ -41,3 +41,26 @@ def checked_positive(name: str, value: float) -> float:
     if number is None or number == 0 or isinstance(value, bool):
         raise InputError(f"{name} must be a number above 0, not {value!r}")
     return number
+
+
+def checked_finite(name: str, value: object) -> np.ndarray:
+    """Return ``value`` as a float64 array, or raise `InputError` if it is no array of finite real numbers."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{name} must be an array of numbers ({error})") from error
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{name} must be an array of numbers, not of {array.dtype}")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        rows = int(bad.reshape(len(bad), -1).any(axis=1).sum()) if array.ndim else 1
+        raise InputError(f"{rows} of {len(array) if array.ndim else 1} {name} hold NaN or infinity; leave them out")
+    return np.ascontiguousarray(array, np.float64)
+
+
+def checked_vectors(name: str, value: object) -> np.ndarray:
+    """Return ``value`` as an (N, 3) float64 array of finite numbers, or raise `InputError`."""
+    array = checked_finite(name, value)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must be an (N, 3) array, not {array.shape}")
+    return array

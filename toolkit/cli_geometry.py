@@ -133,10 +133,7 @@ def extend(
         click.echo(f"  {note}", err=True)
     start = time.perf_counter()
     with ProgressBar("laying patches") as bar:
-        made = extend_geometry(
-            texture, sides, patches, seed=seed, device=chosen,
-            progress=bar.update, **settings,
-        )  # fmt: skip
+        made = extend_geometry(texture, sides, patches, seed=seed, device=chosen, progress=bar.update, **settings)
     seconds = time.perf_counter() - start
     for note in made.notes:
         click.echo(f"  {note}", err=True)

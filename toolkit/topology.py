@@ -16,6 +16,13 @@ def directed_edges(faces: Array) -> Array:
     return np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
+def grid_faces(rows: int, columns: int) -> Array:
+    """Return the triangles (F, 3) of a grid of vertices numbered row by row: (r, c), (r + 1, c), (r + 1, c + 1) and so on."""
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    return np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).reshape(-1, 3)
+
+
 def edge_keys(edges: Array, count: int) -> Array:
     """Return one int64 per directed edge (E, 2) of a mesh with ``count`` vertices."""
     return edges[:, 0].astype(np.int64) * count + edges[:, 1]

@@ -15,13 +15,14 @@ from intaglio.geometry.point_set import GeometryTexture, PointSet, checked_point
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps
+from intaglio.statistics import earth_movers_distance
 
 Array = np.ndarray
 
 # Neighbours of one surface have normals this alike (cosine).
 _ALIKE = 0.7
 # Of a usual distance of nearest neighbours: what counts as a hole, and as an open border rather than a hole.
-HOLE, _BORDER = 3.0, 8.0
+_HOLE, _BORDER = 3.0, 8.0
 # Fewer points are not measured.
 FEWEST = 32
 
@@ -36,7 +37,7 @@ class GeometryReport:
     nearest : float
         Median distance of nearest neighbours over that of the swatch: 1 is alike.
     nearest_emd : float
-        Earth mover's distance of these distances' distributions, over the swatch's median.
+        Earth mover's distance of these distances' distributions, in standard deviations of the swatch's.
     holes : float
         Share of points beside a hole wider than three of the swatch's median distances; ``swatch_holes`` of the swatch.
     swatch_holes : float
@@ -66,7 +67,7 @@ class GeometryReport:
         """Return the figures in words."""
         lines = [
             f"{self.points} points; nearest neighbours {self.nearest:.3f} of the swatch's median, EMD {self.nearest_emd:.3f}",
-            f"beside a hole wider than {HOLE:g} distances: {100 * self.holes:.3f} % of points "
+            f"beside a hole wider than {_HOLE:g} distances: {100 * self.holes:.3f} % of points "
             f"(swatch {100 * self.swatch_holes:.3f} %); widest {self.widest:.1f}",
             f"normals against the local surface: {self.normal_angle:.2f}° median",
         ]
@@ -99,30 +100,27 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     if len(points) < FEWEST:
         raise InputError(f"{len(points)} points are too few to be measured; at least {FEWEST} are needed")
     spacing = texture.spacing
-    swatch = nearest_distances(texture.points)
+    swatch, tree = nearest_distances(cKDTree(texture.points.points)), cKDTree(points.points)
     usual = float(np.median(swatch))
     low, high = points.points.min(axis=0), points.points.max(axis=0)
     plane = list(texture.plane_axes)
-    inner = ((points.points[:, plane] > low[plane] + 3 * spacing) & (points.points[:, plane] < high[plane] - 3 * spacing)).all(
-        axis=1
-    )
+    at = points.points - low
+    inner = ((at[:, plane] > 3 * spacing) & (at[:, plane] < (high - low)[plane] - 3 * spacing)).all(axis=1)
     inner = inner if inner.any() else np.ones(len(points), bool)
-    distance = nearest_distances(points)[inner]
-    levels = np.linspace(0, 1, 201)
-    emd = float(np.abs(np.quantile(distance, levels) - np.quantile(swatch, levels)).mean()) / usual
-    surface = PointSurface(points.points - low, points.normals, SUPPORT * spacing, device=device)
-    feet = surface.project(points.points - low, facing=points.normals, reach=spacing)
+    distance = nearest_distances(tree)[inner]
+    surface = PointSurface(at, points.normals, SUPPORT * spacing, device=device)
+    feet = surface.project(at, facing=points.normals, reach=spacing)
     alike = (feet.normals * points.normals).sum(axis=1)[feet.found & inner]
-    width = gaps(surface, HOLE * usual, _BORDER * usual)[1][inner]
+    width = gaps(surface, _HOLE * usual, _BORDER * usual)[1][inner]
     corner = texture.points.points.min(axis=0)
     of_swatch = PointSurface(texture.points.points - corner, texture.points.normals, SUPPORT * spacing, device=device)
-    step, step_high = _steps(points, low, spacing, device)
+    step, step_high = _steps(points, at, tree, spacing, device)
     return GeometryReport(
         points=len(points),
         nearest=float(np.median(distance)) / usual,
-        nearest_emd=emd,
+        nearest_emd=earth_movers_distance(distance, swatch),
         holes=float((width > 0).mean()),
-        swatch_holes=float((gaps(of_swatch, HOLE * usual, _BORDER * usual)[1] > 0).mean()),
+        swatch_holes=float((gaps(of_swatch, _HOLE * usual, _BORDER * usual)[1] > 0).mean()),
         widest=float(width.max(initial=0)) / usual,
         normal_angle=float(np.degrees(np.median(np.arccos(np.clip(alike, -1, 1))))),
         step=step,
@@ -131,11 +129,11 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     )
 
 
-def _steps(points: PointSet, low: Array, spacing: float, device: str) -> tuple[float, float]:
+def _steps(points: PointSet, at: Array, tree: cKDTree, spacing: float, device: str) -> tuple[float, float]:
     """Return median and 99 % quantile of the steps across patch borders, in distances of samples."""
     if points.patch is None:
         return float("nan"), float("nan")
-    near, index = cKDTree(points.points).query(points.points, 8, distance_upper_bound=1.5 * spacing)
+    near, index = tree.query(points.points, 8, distance_upper_bound=1.5 * spacing)
     index = np.where(np.isfinite(near), index, np.arange(len(points))[:, None])
     other = points.patch[index] != points.patch[:, None]
     other &= (points.normals[index] * points.normals[:, None]).sum(axis=2) > _ALIKE
@@ -143,20 +141,16 @@ def _steps(points: PointSet, low: Array, spacing: float, device: str) -> tuple[f
     if not len(here):
         return float("nan"), float("nan")
     across = points.patch[index[here, np.argmax(other[here], axis=1)]]
-    surface = PointSurface(
-        points.points - low, points.normals, SUPPORT * spacing, group=points.patch - points.patch.min(), device=device
-    )
-    feet = surface.project(
-        points.points[here] - low, facing=points.normals[here], group=across - points.patch.min(), reach=1.5 * spacing
-    )
-    step = np.abs(((points.points[here] - low - feet.points) * feet.normals).sum(axis=1))[feet.found] / spacing
+    surface = PointSurface(at, points.normals, SUPPORT * spacing, group=points.patch, device=device)
+    feet = surface.project(at[here], facing=points.normals[here], group=across, reach=1.5 * spacing)
+    step = np.abs(((at[here] - feet.points) * feet.normals).sum(axis=1))[feet.found] / spacing
     return float(np.median(step)), float(np.quantile(step, 0.99))
 
 
-def nearest_distances(points: PointSet) -> Array:
-    """Return the distance (N,) of every point to the nearest other."""
-    distance, _ = cKDTree(points.points).query(points.points, 2)
-    return distance[:, 1]
+def nearest_distances(tree: cKDTree) -> Array:
+    """Return the distance (N,) of every point of a tree to the nearest other."""
+    distance, _ = tree.query(tree.data, 2)
+    return np.asarray(distance[:, 1])
 
 
 def pieces_of(points: PointSet, reach: float) -> Array:

@@ -13,6 +13,23 @@ RECORD = np.dtype(
 )
 
 
+def wrap(points: Array, period: tuple[float | None, float | None]) -> None:
+    """Bring points (N, 3) into the period, in place."""
+    for axis, length in enumerate(period):
+        if length is not None:
+            points[:, axis] -= np.floor(points[:, axis] / length) * length
+
+
+def within(points: Array, low: Array, high: Array) -> Array:
+    """Return which points (N, 3) lie in the box [low, high) of the plane; its corners may be (2,) or (N, 2)."""
+    low, high = np.asarray(low), np.asarray(high)
+    inside = np.ones(len(points), bool)
+    for axis in range(2):
+        along = points[:, axis]
+        inside &= (along >= low[..., axis]) & (along < high[..., axis])
+    return inside
+
+
 class Buckets:
     """Records in square buckets over the reference plane (Duranleau & Poulin, section 4).
 
@@ -36,9 +53,7 @@ class Buckets:
         if not len(records):
             return
         records = records.copy()
-        for axis, length in enumerate(self.period):
-            if length is not None:
-                records["point"][:, axis] -= np.floor(records["point"][:, axis] / length) * length
+        wrap(records["point"], self.period)
         cell = np.floor(records["point"][:, :2] / self.side).astype(np.int64)
         order = np.lexsort((cell[:, 1], cell[:, 0]))
         cell, records = cell[order], records[order]
@@ -56,10 +71,7 @@ class Buckets:
                     continue
                 part = self._joined(key, parts)
                 if not self._covered(key, begin, end):
-                    place = part["point"]
-                    within = (place[:, 0] >= begin[0]) & (place[:, 0] < end[0])
-                    within &= (place[:, 1] >= begin[1]) & (place[:, 1] < end[1])
-                    part = part[within]
+                    part = part[within(part["point"], begin, end)]
                 if shift.any():
                     part = part.copy()
                     part["point"][:, :2] += shift
@@ -77,10 +89,7 @@ class Buckets:
                     del self._buckets[key]
                     continue
                 part = self._joined(key, parts)
-                place = part["point"]
-                within = (place[:, 0] >= begin[0]) & (place[:, 0] < end[0])
-                within &= (place[:, 1] >= begin[1]) & (place[:, 1] < end[1])
-                self._buckets[key] = [part[~within]]
+                self._buckets[key] = [part[~within(part["point"], begin, end)]]
 
     def everything(self) -> Array:
         """Return all records, ordered by bucket."""

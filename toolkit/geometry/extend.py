@@ -9,6 +9,7 @@ import numpy as np
 from intaglio.checks import checked_count, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
+from intaglio.geometry.buckets import wrap
 from intaglio.geometry.growth import Growth
 from intaglio.geometry.layout import lay_out
 from intaglio.geometry.options import PairingWeights, Settings, checked_weights, one_or_two, suited_weights
@@ -138,7 +139,10 @@ def extend_geometry(
     overlap = checked_number("overlap", 0.28 * shorter if overlap is None else overlap, texture.spacing, shorter / 2)
     extra = checked_number("extra", shorter / 4 if extra is None else extra, 0, shorter)
     step = max(shorter / 16, texture.spacing) if cell is None else checked_number("cell", cell, texture.spacing / 4, overlap)
-    chosen = checked_weights(weights)
+    chosen, note = checked_weights(weights), None
+    if chosen is None:
+        name, chosen = suited_weights(texture)
+        note = f"pairing weights: those of {name}"
     relax = checked_count("relax", relax, 0, 100)
     settings = Settings(
         patch=sides,
@@ -147,12 +151,12 @@ def extend_geometry(
         cell=step,
         tolerance=checked_number("tolerance", tolerance, 0),
         max_error=np.inf if max_error is None else checked_number("max_error", max_error, 0),
-        weights=chosen or PairingWeights(0, 0, 0, 0),
+        weights=chosen,
         pairs=checked_count("pairs", pairs, 8, 1000),
         rounds=checked_count("rounds", rounds, 0, 100),
         smoothing=checked_number("smoothing", smoothing, 1e-9, 1e3),
-        warp=bool(warp),
-        blend=bool(blend),
+        warp=warp,
+        blend=blend,
     )
     _check_amount(texture, wanted, step)
     swatch = Swatch(texture, extra, device)
@@ -161,26 +165,20 @@ def extend_geometry(
             f"patch {_sides(sides)} is larger than the swatch's bounds, which are {_sides(swatch.base)} once {extra:.4g} is "
             "kept as padding on every side; give a smaller patch or extra, or a larger swatch"
         )
-    if chosen is None:
-        name, found = suited_weights(swatch)
-        settings = settings.with_weights(found)
-        swatch.notes.append(f"pairing weights: those of {name}")
     margin = max(extra, 2 * swatch.support)
     if toroidal and (wanted < sides + 2 * (extra + margin)).any():
         raise InputError(
             f"size {_sides(wanted)} is too small to close on itself with patches of {_sides(sides)}: at least "
             f"{_sides(sides + 2 * (extra + margin))} is needed"
         )
-    layout = lay_out(wanted, sides, overlap, extra, margin, toroidal=bool(toroidal))
+    layout = lay_out(wanted, sides, overlap, extra, margin, toroidal=toroidal)
     growth = Growth(swatch, layout, settings, margin, seed)
     growth.grow(progress)
     records = spread(
         growth.records(), nearest=swatch.nearest, support=swatch.support, rounds=relax, period=layout.period, device=device
     )
+    wrap(records["point"], layout.period)
     place = records["point"][:, :2]
-    for axis, length in enumerate(layout.period):
-        if length is not None:
-            place[:, axis] -= np.floor(place[:, axis] / length) * length
     records = records[((place >= layout.low) & (place < layout.high)).all(axis=1)]
     if not len(records):
         raise InputError(f"no geometry lies in an output of {_sides(wanted)}; give a larger size or another seed")
@@ -192,7 +190,7 @@ def extend_geometry(
         source=records["source"],
         moved=records["moved"],
         patch=records["patch"],
-        notes=(*swatch.notes, *growth.notes),
+        notes=(*swatch.notes, *([] if note is None else [note]), *growth.notes),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intaglio.geometry.buckets import RECORD
+from intaglio.geometry.buckets import RECORD, within
 from intaglio.geometry.clustering import cluster
 from intaglio.geometry.layout import PatchPlace
 from intaglio.geometry.options import Settings
@@ -142,9 +142,9 @@ class PatchFitter:
                 break
             for b in todo:
                 sources, targets = paired[b]
-                keep = most_coherent(sources, targets, self.settings.overlap / 2, 0.5)
-                # Too few for a spline, these only shift the patch by their mean.
-                keep = keep if attempt < _HALVINGS else keep[:3]
+                # In the end too few for a spline: these only shift the patch by their mean.
+                share = 0.5 if attempt < _HALVINGS else (_LEAST_PAIRS - 1) / max(len(sources), _LEAST_PAIRS)
+                keep = most_coherent(sources, targets, self.settings.overlap / 2, share)
                 paired[b] = sources[keep], targets[keep]
         return out
 
@@ -166,11 +166,7 @@ class PatchFitter:
         """Return which points lie within ``margin`` (B,) of their patch's box."""
         low = np.array([-p.extra[:2] for p in places]) - margin[:, None]
         high = np.array([p.size + p.extra[2:] for p in places]) + margin[:, None]
-        inside = np.ones(len(points), bool)
-        for axis in range(2):
-            along = points[:, axis]
-            inside &= (along >= low[group, axis]) & (along < high[group, axis])
-        return inside
+        return within(points, low[group], high[group])
 
     def _blend(
         self, places: list[PatchPlace], old: list[Array], surface: PointSurface, new: Array, group: Array
@@ -205,10 +201,8 @@ class PatchFitter:
         warped = PointSurface(new["point"], new["normal"], reach, group=group, device=self.swatch.device)
         asked = []
         for place, records in zip(places, old, strict=True):
-            x, y = records["point"][:, 0], records["point"][:, 1]
-            low, high = -place.extra[:2], place.size + place.extra[2:]
-            inside = (x >= low[0]) & (x < high[0]) & (y >= low[1]) & (y < high[1])
-            asked.append(records[inside][place.share_of_old(x[inside], y[inside]) > 0.5])
+            there = records[within(records["point"], -place.extra[:2], place.size + place.extra[2:])]
+            asked.append(there[place.share_of_old(*there["point"][:, :2].T) > 0.5])
         owner = np.repeat(np.arange(len(places)), [len(a) for a in asked])
         together = np.concatenate(asked)
         found = warped.nearest(together["point"], facing=together["normal"], group=owner, reach=reach) >= 0

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from intaglio.geometry.buckets import Buckets
+from intaglio.geometry.buckets import Buckets, within
 from intaglio.geometry.fitting import PatchFitter
 from intaglio.geometry.layout import Layout, PatchPlace
 from intaglio.geometry.options import Settings
@@ -123,10 +123,8 @@ class Growth:
         new = [self._copy(place, begin) for place, begin in zip(places, begins, strict=True)]
         for place, records in zip(places, self._fitter.fitted(places, begins, old, surface, new), strict=True):
             records["point"][:, :2] += place.origin
-            x, y = records["point"][:, 0], records["point"][:, 1]
-            inside = (x >= place.low[0]) & (x < place.high[0]) & (y >= place.low[1]) & (y < place.high[1])
             self._out.remove(place.low, place.high)
-            self._out.add(records[inside])
+            self._out.add(records[within(records["point"], place.low, place.high)])
 
     def _choose(self, places: list[PatchPlace], surface: PointSurface) -> tuple[list[Array], Array]:
         """Return where in the swatch each patch begins, and its root mean square distance (section 5.1)."""

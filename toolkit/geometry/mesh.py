@@ -11,7 +11,7 @@ from skimage.measure import marching_cubes
 from intaglio.checks import checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
-from intaglio.geometry.point_set import PointSet, axis_number, checked_points
+from intaglio.geometry.point_set import PointSet, axis_number, checked_points, plane_axes
 from intaglio.geometry.sampling import local_spacing
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.distance_fields import signed_distance
@@ -80,7 +80,7 @@ def mesh_geometry(
         )
     band = max(_BAND, int(np.ceil(_COVER * spacing / side)))
     low, high = points.points.min(axis=0), points.points.max(axis=0)
-    plane = [] if axis is None else [(axis + 1) % 3, (axis + 2) % 3]
+    plane = [] if axis is None else list(plane_axes(axis))
     begin, counts = low - band * side, np.ceil((high - low) / side).astype(np.int64) + 2 * band + 1
     steps = np.full(3, side)
     for k in plane:

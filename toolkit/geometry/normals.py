@@ -8,6 +8,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 
 from intaglio.errors import InputError
+from intaglio.geometry.point_set import plane_axes
 
 Array = np.ndarray
 
@@ -75,7 +76,7 @@ def is_height_field(points: Array, axis: int, spacing: float, normals: Array | N
     """Return whether (nearly) no vertical line meets two layers of points, and no normals point down where there are any."""
     if normals is not None and (normals[:, axis] < -0.1).mean() > _DOWN:
         return False
-    plane = [(axis + 1) % 3, (axis + 2) % 3]
+    plane = list(plane_axes(axis))
     columns = np.floor(points[:, plane] / (0.7 * spacing)).astype(np.int64)
     _, column = np.unique(columns, axis=0, return_inverse=True)
     column = column.reshape(-1)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from intaglio.checks import checked_number
 from intaglio.errors import InputError
 from intaglio.geometry.normals import is_height_field
-from intaglio.geometry.swatch import Swatch
+from intaglio.geometry.point_set import GeometryTexture
 
 Array = np.ndarray
 
@@ -66,19 +66,15 @@ class Settings:
     warp: bool
     blend: bool
 
-    def with_weights(self, weights: PairingWeights) -> Settings:
-        """Return the same settings with other weights."""
-        return replace(self, weights=weights)
 
-
-def suited_weights(swatch: Swatch) -> tuple[str, PairingWeights]:
+def suited_weights(texture: GeometryTexture) -> tuple[str, PairingWeights]:
     """Return the name and weights of the preset that suits a swatch.
 
     After the paper's remarks on Table 1: features that are large against the sampling, as on a height field, want more weight
     on normals and variation; wires and threads want less, and pairs that move as their neighbours do.
     """
-    records = swatch.records
-    name = "height field" if is_height_field(records["point"], 2, swatch.spacing, records["normal"]) else "chain mail"
+    points = texture.points
+    name = "height field" if is_height_field(points.points, texture.axis, texture.spacing, points.normals) else "chain mail"
     return name, PRESETS[name]
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from intaglio.checks import checked_finite, checked_vectors
 from intaglio.errors import InputError
 
 Array = np.ndarray
@@ -43,9 +44,7 @@ class PointSet:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        points, normals = _numbers(self.points, "points"), _numbers(self.normals, "normals")
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise InputError(f"points must be an (N, 3) array, not {np.shape(self.points)}")
+        points, normals = checked_vectors("points", self.points), checked_vectors("normals", self.normals)
         if normals.shape != points.shape:
             raise InputError(f"normals must be {points.shape} as points are, not {np.shape(self.normals)}")
         object.__setattr__(self, "points", points)
@@ -58,7 +57,7 @@ class PointSet:
         ):
             value = getattr(self, name)
             if value is not None:
-                value = np.ascontiguousarray(_numbers(value, name), kind)
+                value = np.ascontiguousarray(checked_finite(name, value), kind)
                 if value.shape != (len(points), *width):
                     raise InputError(f"{name} must have the shape {(len(points), *width)}, not {value.shape}")
                 object.__setattr__(self, name, value)
@@ -84,6 +83,11 @@ class PointSet:
         write_points(self, path)
 
 
+def plane_axes(axis: int) -> tuple[int, int]:
+    """Return the two axes of the reference plane, so that with the height axis they are right-handed."""
+    return (axis + 1) % 3, (axis + 2) % 3
+
+
 def axis_number(axis: int | str) -> int:
     """Return 0, 1 or 2 for an axis or its name, or raise `InputError`."""
     if isinstance(axis, str) and axis in ("x", "y", "z"):
@@ -99,19 +103,6 @@ def checked_points(points: object) -> None:
         raise InputError(f"points must be a PointSet, not {type(points).__name__}")
     if len(points) and np.linalg.norm(points.normals, axis=1).min() == 0:
         raise InputError("points have normals of length 0")
-
-
-def _numbers(value: Array, name: str) -> Array:
-    """Return an array of finite numbers, or raise `InputError`."""
-    try:
-        array = np.asarray(value)
-    except ValueError as problem:
-        raise InputError(f"{name} must be an array of numbers ({problem})") from problem
-    if array.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be an array of numbers, not of {array.dtype}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} hold NaN or infinity")
-    return np.ascontiguousarray(array, np.float64)
 
 
 @dataclass(frozen=True)
@@ -141,7 +132,7 @@ class GeometryTexture:
     @property
     def plane_axes(self) -> tuple[int, int]:
         """The two axes of the reference plane, so that with the height axis they are right-handed."""
-        return (self.axis + 1) % 3, (self.axis + 2) % 3
+        return plane_axes(self.axis)
 
     @property
     def height(self) -> float:

@@ -6,12 +6,14 @@ import os
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from intaglio.geometry.assess import GeometryReport
 from intaglio.geometry.mesh import mesh_geometry
-from intaglio.geometry.point_set import GeometryTexture, PointSet
+from intaglio.geometry.point_set import GeometryTexture, PointSet, plane_axes
 from intaglio.html_page import listing, picture_row, write_page
 from intaglio.render.view import Light, frame, view
+from intaglio.surface import Surface
 from intaglio.topology import used_vertices
 
 Array = np.ndarray
@@ -22,29 +24,28 @@ _LIGHT = Light(tilt=135.0, slant=55.0)
 
 
 def geometry_pictures(
-    points: PointSet, axis: int, *, colors: Array | None = None, size: tuple[int, int] = (640, 480), device: str | None = None
+    mesh: Surface, axis: int, *, colors: Array | None = None, size: tuple[int, int] = (640, 480)
 ) -> dict[str, Array]:
-    """Return pictures (H, W, 3) of points, as the mesh of their surface, from above and aslant.
+    """Return pictures (H, W, 3) of a mesh from above and aslant.
 
     Parameters
     ----------
-    points : PointSet
+    mesh : Surface
+        Of `mesh_geometry`.
     axis : int
         Height axis.
     colors : (N, 3) array, optional
-        Linear colours to show them in; default their own, else clay.
+        Linear colours to show it in; default its own, else clay.
     size : (width, height)
-    device : str, optional
     """
-    shown = points if colors is None else PointSet(points.points, points.normals, color=colors)
-    mesh = mesh_geometry(shown, axis=axis, device=device)
     # The height axis towards the eye; the order of the three keeps its handedness.
-    vertices = mesh.vertices[:, [(axis + 1) % 3, (axis + 2) % 3, axis]]
+    vertices = mesh.vertices[:, [*plane_axes(axis), axis]]
     used = used_vertices(mesh.faces, len(vertices))
+    shown = mesh.color if colors is None else colors
     found = {}
     for name, direction in VIEWS.items():
         camera = frame(vertices[used], np.array(direction), up=(0.0, 1.0, 0.3), margin=0.85)
-        found[name] = view(vertices, mesh.faces, camera=camera, colors=mesh.color, light=_LIGHT, size=size)
+        found[name] = view(vertices, mesh.faces, camera=camera, colors=shown, light=_LIGHT, size=size)
     return found
 
 
@@ -78,11 +79,13 @@ def write_geometry_report(
 def comparison_pictures(points: PointSet, texture: GeometryTexture, *, device: str | None = None) -> dict[str, dict[str, Array]]:
     """Return the pictures of a report by heading: swatch, result, and provenance."""
     axis = texture.axis
+    mesh = mesh_geometry(points, axis=axis, device=device)
     found = {
-        "Swatch": geometry_pictures(texture.points, axis, device=device),
-        "Result": geometry_pictures(points, axis, device=device),
+        "Swatch": geometry_pictures(mesh_geometry(texture.points, axis=axis, device=device), axis),
+        "Result": geometry_pictures(mesh, axis),
     }
     if points.source is not None:
-        colors = provenance_colors(points, texture)
-        found["Where in the swatch each point comes from"] = geometry_pictures(points, axis, colors=colors, device=device)
+        nearest = cKDTree(points.points).query(mesh.vertices)[1]
+        colors = provenance_colors(points, texture)[nearest]
+        found["Where in the swatch each point comes from"] = geometry_pictures(mesh, axis, colors=colors)
     return found

@@ -102,7 +102,7 @@ def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed:
     Raises
     ------
     InputError
-        If the triangles have no area, or ``spacing`` asks for more than ten million samples.
+        If the triangles have no area, or ``spacing`` asks for more than two million samples.
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.checks import checked_count, checked_number, checked_positive
+from intaglio.checks import checked_count, checked_finite, checked_number, checked_positive, checked_vectors
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import check_readable
 from intaglio.geometry.options import one_or_two
-from intaglio.geometry.point_set import PointSet, axis_number, checked_points
+from intaglio.geometry.point_set import PointSet, axis_number, checked_points, plane_axes
 from intaglio.kernels.shells import Shell
 from intaglio.mesh_reading import load_mesh
 from intaglio.surface import vertex_normals
@@ -81,11 +81,11 @@ def wrap_geometry(
     turns = [checked_count("repeat", r, 1, 1000) for r in repeat]
     checked_points(points)
     axis = axis_number(axis)
-    corners, triangles = _finite(vertices, "vertices"), np.asarray(faces)
+    corners, triangles = checked_vectors("vertices", vertices), np.asarray(faces)
     if triangles.dtype.kind not in "iu":
         raise InputError(f"faces must hold vertex numbers, not {triangles.dtype}")
-    if corners.ndim != 2 or corners.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
-        raise InputError(f"vertices must be (N, 3) and faces (F, 3) arrays, not {corners.shape} and {triangles.shape}")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+        raise InputError(f"faces must be an (F, 3) array, not {triangles.shape}")
     if triangles.min() < 0 or triangles.max() >= len(corners):
         raise InputError(f"faces name vertices {triangles.min()} to {triangles.max()}; there are {len(corners)}")
     at_corners = _per_corner(uv, triangles, len(corners))
@@ -100,11 +100,11 @@ def wrap_geometry(
     scale = np.sqrt(solid / np.maximum(area * laid[0] * laid[1], 1e-300))[area > 0]
     mean = float(np.sqrt(solid.sum() / (area.sum() * laid[0] * laid[1])))
     height = mean if thickness is None else checked_positive("thickness", thickness)
-    order = [(axis + 1) % 3, (axis + 2) % 3, axis]
+    order = [*plane_axes(axis), axis]
     local, facing = points.points[:, order], points.normals[:, order]
     middle = (local[:, 2].min() + local[:, 2].max()) / 2 if len(local) else 0.0
     level = middle if base is None else checked_number("base", base, -np.inf)
-    unit = _smooth_normals(corners, triangles) if normals is None else _finite(normals, "normals")
+    unit = _smooth_normals(corners, triangles) if normals is None else checked_vectors("normals", normals)
     if unit.shape != corners.shape:
         raise InputError(f"normals must have the shape {corners.shape} of the vertices, not {unit.shape}")
     if np.linalg.norm(unit, axis=1).min() == 0:
@@ -151,24 +151,12 @@ def read_uv_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:
     return np.asarray(mesh.vertices, np.float64), faces, np.asarray(uv, np.float64)
 
 
-def _finite(value: Array, name: str) -> Array:
-    try:
-        array = np.asarray(value, np.float64)
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"{name} must be an (N, 3) array of numbers ({problem})") from problem
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} of the mesh hold NaN or infinity")
-    return array
-
-
 def _per_corner(uv: Array, faces: Array, count: int) -> Array:
-    coordinates = np.asarray(uv, np.float64)
+    coordinates = checked_finite("uv", uv)
     if coordinates.shape == (count, 2):
         coordinates = coordinates[faces]
     if coordinates.shape != (len(faces), 3, 2):
         raise InputError(f"uv must be ({count}, 2) or ({len(faces)}, 3, 2), not {np.shape(uv)}")
-    if not np.isfinite(coordinates).all():
-        raise InputError("uv holds NaN or infinity")
     return coordinates
 
 

@@ -39,7 +39,7 @@ class Swatch:
     """
 
     def __init__(self, texture: GeometryTexture, padding: float, device: str) -> None:
-        self.texture, self.device = texture, device
+        self.device = device
         self.axes = [*texture.plane_axes, texture.axis]
         self.spacing, self.support = texture.spacing, SUPPORT * texture.spacing
         self.notes: list[str] = []

@@ -9,12 +9,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from intaglio.checks import checked_positive
+from intaglio.checks import checked_positive, checked_vectors
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.geometry.normals import estimate_normals
-from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number
+from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number, plane_axes
 from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thinned
 from intaglio.randomness import checked_seed
+from intaglio.topology import grid_faces
 
 Array = np.ndarray
 
@@ -24,7 +25,7 @@ _STEEP = 0.1
 # Extents for which single precision has room.
 _SMALLEST, _LARGEST = 1e-12, 1e12
 # Local distances of samples (2 % and 98 % quantiles) may differ by this factor.
-MOST_UNEVEN = 3.0
+_MOST_UNEVEN = 3.0
 # A larger share of points with an opposing surface nearer than this many distances of samples is warned of.
 _OPPOSED_NEAR, _OPPOSED_SHARE = 0.5, 0.01
 # Below this share of the bounds covered by the points' hull, the swatch is no rectangle.
@@ -69,11 +70,11 @@ def geometry_from_points(
     IntaglioWarning
         If opposing surfaces lie closer than the sampling can tell apart, or the points fill no rectangle.
     """
-    positions = _finite(points, "points")
+    positions = checked_vectors("points", points)
     if len(positions) < _FEWEST:
         raise InputError(f"{len(positions)} points are too few for a geometry texture; at least {_FEWEST} are needed")
     notes: list[str] = []
-    directions = None if normals is None else _unit(_finite(normals, "normals"), len(positions))
+    directions = None if normals is None else _unit(checked_vectors("normals", normals), len(positions))
     colors = None if color is None else _colors(color, len(positions))
     extent = float(np.ptp(positions, axis=0).max())
     if not _SMALLEST < extent < _LARGEST and extent > 0:
@@ -103,10 +104,10 @@ def geometry_from_points(
     local = local_spacing(positions, directions)
     local = local[np.isfinite(local)] if np.isfinite(local).any() else local_spacing(positions)
     low, typical, high = np.quantile(local, [0.02, 0.5, 0.98])
-    if high > MOST_UNEVEN * low:
+    if high > _MOST_UNEVEN * low:
         raise InputError(
             f"the points are spread unevenly: distances of samples range from {low:.4g} to {high:.4g}, a factor of "
-            f"{high / max(low, 1e-300):.1f} (at most {MOST_UNEVEN:g}); give spacing={high:.3g} to thin them evenly, "
+            f"{high / max(low, 1e-300):.1f} (at most {_MOST_UNEVEN:g}); give spacing={high:.3g} to thin them evenly, "
             "or sample the surface again"
         )
     box = np.stack([positions.min(axis=0), positions.max(axis=0)]) if given is None else given
@@ -147,7 +148,7 @@ def geometry_from_mesh(
     InputError
         For a mesh without area, and as `geometry_from_points` does.
     """
-    corners = _finite(vertices, "vertices")
+    corners = checked_vectors("vertices", vertices)
     triangles = np.asarray(faces)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu" or not len(triangles):
         raise InputError(f"faces must be an (F, 3) array of vertex numbers, not {triangles.dtype} {triangles.shape}")
@@ -202,30 +203,16 @@ def geometry_from_height(
     points = np.stack([x, y, heights], axis=-1).reshape(-1, 3)
     down, right = np.gradient(heights, side)
     steep = float((np.hypot(down, right) > 1).mean())
-    if spacing is None and steep > _STEEP:
-        made = geometry_from_height(heights, pixel=side, spacing=side, bounds=bounds, seed=seed)
-        note = f"{100 * steep:.0f} % of the height map is steeper than 45°: its surface was sampled evenly, a pixel apart"
-        return replace(made, notes=(note, *made.notes))
+    if spacing is None and steep <= _STEEP:
+        normals = np.stack([-right, down, np.ones_like(heights)], axis=-1).reshape(-1, 3)
+        return geometry_from_points(points, normals, bounds=bounds, axis=2)
+    made = geometry_from_mesh(
+        points, grid_faces(rows, columns), spacing=side if spacing is None else spacing, bounds=bounds, axis=2, seed=seed
+    )
     if spacing is not None:
-        number = np.arange(rows * columns).reshape(rows, columns)
-        a, b, c, d = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-        faces = np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).reshape(-1, 3)
-        return geometry_from_mesh(points, faces, spacing=spacing, bounds=bounds, axis=2, seed=seed)
-    normals = np.stack([-right, down, np.ones_like(heights)], axis=-1).reshape(-1, 3)
-    return geometry_from_points(points, normals, bounds=bounds, axis=2)
-
-
-def _finite(value: Array, name: str) -> Array:
-    try:
-        array = np.ascontiguousarray(value, np.float64)
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"{name} must be an (N, 3) array of numbers ({problem})") from problem
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"{name} must be an (N, 3) array, not {array.shape}")
-    bad = int((~np.isfinite(array)).any(axis=1).sum())
-    if bad:
-        raise InputError(f"{bad} of {len(array)} {name} hold NaN or infinity; leave those points out")
-    return array
+        return made
+    note = f"{100 * steep:.0f} % of the height map is steeper than 45°: its surface was sampled evenly, a pixel apart"
+    return replace(made, notes=(note, *made.notes))
 
 
 def _colors(color: Array, count: int) -> Array:
@@ -270,7 +257,7 @@ def _bounds(bounds: Array | Sequence[Sequence[float]], axis: int) -> Array:
 
 
 def _check_inside(points: Array, box: Array, axis: int) -> None:
-    plane = [(axis + 1) % 3, (axis + 2) % 3]
+    plane = list(plane_axes(axis))
     within = ((points[:, plane] >= box[0, plane]) & (points[:, plane] <= box[1, plane])).all(axis=1)
     if within.sum() < _FEWEST:
         low, high = points.min(axis=0), points.max(axis=0)
@@ -296,7 +283,7 @@ def _check_inside(points: Array, box: Array, axis: int) -> None:
 
 
 def _warn_of_shape(points: Array, axis: int) -> None:
-    plane = points[:, [(axis + 1) % 3, (axis + 2) % 3]]
+    plane = points[:, plane_axes(axis)]
     try:
         share = ConvexHull(plane).volume / np.prod(np.ptp(plane, axis=0))
     except QhullError:
