@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.stats import wasserstein_distance
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -15,7 +16,6 @@ from intaglio.geometry.point_set import GeometryTexture, PointSet, checked_point
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps
-from intaglio.statistics import earth_movers_distance
 
 Array = np.ndarray
 
@@ -37,7 +37,7 @@ class GeometryReport:
     nearest : float
         Median distance of nearest neighbours over that of the swatch: 1 is alike.
     nearest_emd : float
-        Earth mover's distance of these distances' distributions, in standard deviations of the swatch's.
+        Earth mover's distance of these distances' distributions, over the swatch's median.
     holes : float
         Share of points beside a hole wider than three of the swatch's median distances; ``swatch_holes`` of the swatch.
     swatch_holes : float
@@ -118,7 +118,8 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     return GeometryReport(
         points=len(points),
         nearest=float(np.median(distance)) / usual,
-        nearest_emd=earth_movers_distance(distance, swatch),
+        # Not in standard deviations, as elsewhere: on a lattice there are none.
+        nearest_emd=float(wasserstein_distance(distance, swatch)) / usual,
         holes=float((width > 0).mean()),
         swatch_holes=float((gaps(of_swatch, _HOLE * usual, _BORDER * usual)[1] > 0).mean()),
         widest=float(width.max(initial=0)) / usual,
