@@ -14,6 +14,7 @@ import numpy as np
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
 from intaglio.relief.base import Base, Cylinder, Plane, Sphere
+from intaglio.relief.smooth_base import SmoothBase
 from intaglio.render.compare import decode_srgb
 from intaglio.repair import repaired
 from intaglio.surface import Surface, surface_from_points, surface_from_range_image
@@ -158,15 +159,17 @@ def _own_surface(mesh: Any, vertex: Any, names: set[str], comments: list[str]) -
 
     optional = {n: np.asarray(vertex[n]).reshape(-1) for n in ("rotation", "error") if n in names}
     has_color = "linear_red" in names
+    foot, normals = columns("base_x", "base_y", "base_z"), columns("nx", "ny", "nz")
+    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3), int)))
     return Surface(
         vertices=columns("x", "y", "z"),
-        faces=np.asarray(getattr(mesh, "faces", np.zeros((0, 3), int))),
-        base=columns("base_x", "base_y", "base_z"),
-        normal=columns("nx", "ny", "nz"),
+        faces=faces,
+        base=foot,
+        normal=normals,
         color=columns("linear_red", "linear_green", "linear_blue") if has_color else None,
         measured=np.asarray(vertex["measured"]).reshape(-1).astype(bool),
         source=np.asarray(vertex["source"]).reshape(-1),
-        model=_model_from(comments),
+        model=_model_from(comments, foot, normals, faces),
         notes=tuple(json.loads(c[len("note ") :]) for c in comments if c.startswith("note ")),
         **optional,
     )
@@ -248,11 +251,13 @@ def _grid_indices(data: Any, cells: int) -> Array:
     return index
 
 
-def _model_from(comments: list[str]) -> Base | None:
+def _model_from(comments: list[str], foot: Array, normals: Array, faces: Array) -> Base | None:
     kinds: dict[str, Callable[..., Base]] = {"plane": Plane, "cylinder": Cylinder, "sphere": Sphere}
     for comment in comments:
         if comment.startswith("model "):
             record = dict(json.loads(comment[len("model ") :]))
+            if record["kind"] == "smooth":
+                return SmoothBase(vertices=foot, faces=faces, normals=normals, relief_scale=float(record["relief_scale"]))
             return kinds[record.pop("kind")](**record)
     return None
 

@@ -129,7 +129,7 @@ def ply_table(fields: list[tuple[str, str, Array]], count: int) -> tuple[Array, 
 
 def _model_record(model: Base) -> dict[str, object]:
     record: dict[str, object] = {"kind": model.kind, "inward": model.inward}
-    for name in ("point", "normal", "direction", "axis", "center", "radius"):
+    for name in ("point", "normal", "direction", "axis", "center", "radius", "relief_scale"):
         value = getattr(model, name, None)
         if value is not None:
             record[name] = value.tolist() if isinstance(value, np.ndarray) else float(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,10 +13,13 @@ from intaglio.randomness import checked_seed
 from intaglio.relief.base import Base
 from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.frames import FRAMES
+from intaglio.relief.holes import Holes
 from intaglio.relief.prepare import Ground, number, prepare_ground
 from intaglio.relief.propagate import Growth, Metric, Selection, grow_relief
 from intaglio.relief.refine import refine_relief
+from intaglio.relief.rim import shift_to_rim
 from intaglio.relief.samples import sample_set
+from intaglio.relief.smooth_base import SmoothBase
 from intaglio.relief.surface_metric import SurfaceMetric
 from intaglio.surface import Surface
 from intaglio.topology import border_edges
@@ -54,6 +58,9 @@ def complete_relief(
     factor: float = 1.1,
     eta: float = 10.0,
     engine: str = "auto",
+    holes: Holes = None,
+    hole_size: Sequence[float] | None = None,
+    relief_scale: float | None = None,
 ) -> Surface:
     """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
 
@@ -154,7 +161,10 @@ def complete_relief(
     chosen_device = device_or_error(device)
     if engine == "blas" and not chosen_device.startswith("cpu"):
         raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
-    ground = prepare_ground(surface, base, spacing=spacing, extent=extent, frames=frames, reference=reference)
+    ground = prepare_ground(
+        surface, base, spacing=spacing, extent=extent, frames=frames, reference=reference,
+        holes=holes, hole_size=hole_size, relief_scale=relief_scale, device=chosen_device,
+    )  # fmt: skip
     relief = ground.height[ground.measured]
     rule = _selection(selection, factor, eta, error, relief, ground.spacing)
     if oversample is None:
@@ -207,18 +217,22 @@ def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Sur
     state = growth.state
     vertices = ground.vertices.copy()
     filled = state.textured & ~ground.measured
-    vertices[filled] = ground.foot[filled] + state.height[filled, None] * ground.normal[filled]
+    foot, model = ground.foot, ground.base
+    if isinstance(model, SmoothBase):
+        foot = foot + shift_to_rim(ground, state)[:, None] * ground.normal
+        model = replace(model, vertices=foot)
+    vertices[filled] = foot[filled] + state.height[filled, None] * ground.normal[filled]
     return Surface(
         vertices=vertices,
         faces=ground.faces,
-        base=ground.foot,
+        base=foot,
         normal=ground.normal,
         color=state.color,
         measured=ground.measured,
         source=state.source,
         rotation=state.rotation,
         error=state.error,
-        model=ground.base,
+        model=model,
         notes=ground.notes + settings,
     )
 

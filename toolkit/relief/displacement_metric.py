@@ -6,10 +6,12 @@ import numpy as np
 import warp as wp
 
 from intaglio.errors import InputError
+from intaglio.kernels.geodesics import trace
 from intaglio.kernels.location import GridLocator, polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
 from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Picks, Selection, State, choose_near_best
+from intaglio.relief.smooth_base import SmoothBase
 from intaglio.relief.samples import Samples, filled_sample_set
 
 Array = np.ndarray
@@ -160,6 +162,9 @@ class DisplacementMetric:
 
     def _locate(self, foot: Array, u: Array, v: Array, first_face: Array) -> tuple[wp.array, wp.array]:
         unit_foot = (foot - self._center) / self._ground.spacing
+        if isinstance(self._ground.base, SmoothBase):
+            mesh = self._locator
+            return trace(unit_foot, u, v, first_face, self._offsets, mesh.points, mesh.faces, mesh.across, self.device)
         return self._locator.locate(unit_foot, u, v, first_face, self._offsets, 0.05)
 
     def _heights(self, height: Array) -> wp.array:

@@ -44,12 +44,14 @@ class Region:
     note: str
 
 
-def sampling_distance(feet: Array, faces: Array) -> tuple[float, str]:
+def sampling_distance(feet: Array, faces: Array, median: bool = False) -> tuple[float, str]:
     """Return the distance between samples to be used for targets, and how it was found.
 
     Paper 000, section 4: the minimum edge length bounds the highest frequency that the capture holds, so targets at that
     distance don't alias. A single tiny edge (a scanner's glitch, a decimator's sliver) would demand millions of them:
-    the 5 % quantile of the edge lengths on the base stands for the minimum, and at least half the median.
+    the 5 % quantile of the edge lengths on the base stands for the minimum, and at least half the median. With ``median`` it is the
+    median: where the scan's own triangles are of many sizes, targets much finer than most of them would copy single vertices side by
+    side, which is rougher than the scan.
     """
     e = directed_edges(faces)
     length = np.linalg.norm(feet[e[:, 0]] - feet[e[:, 1]], axis=1)
@@ -57,8 +59,11 @@ def sampling_distance(feet: Array, faces: Array) -> tuple[float, str]:
     if len(length) == 0:
         raise InputError("all edges of the scan have length zero on the base: no sampling distance can be found")
     low, middle, least = float(np.quantile(length, 0.05)), float(np.median(length)), float(length.min())
-    spacing = max(low, 0.5 * middle)
-    rule = "the 5 % quantile" if low >= 0.5 * middle else "half the median"
+    if median:
+        spacing, rule = middle, "the median"
+    else:
+        spacing = max(low, 0.5 * middle)
+        rule = "the 5 % quantile" if low >= 0.5 * middle else "half the median"
     return spacing, f"spacing {spacing:.6g}: {rule} of the scan's edge lengths (minimum {least:.6g}, median {middle:.6g})"
 
 

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from intaglio.errors import FitError, InputError
-from intaglio.relief.base import Base, Cylinder, Plane, Sphere, face_the_scan
+from intaglio.checks import checked_positive
+from intaglio.errors import InputError
+from intaglio.relief.base import Base, face_the_scan
 from intaglio.relief.extent import Extent, region_to_complete, sampling_distance
-from intaglio.relief.fit import KINDS, fit_base
 from intaglio.relief.frames import local_frames
+from intaglio.relief.holes import Holes, choose_holes, find_holes
+from intaglio.relief.scan import check_joined, check_scan, choose_base, pieces_on_base
+from intaglio.relief.smooth_base import fill_smoothly
 from intaglio.relief.triangulation import fill_base
 from intaglio.surface import Surface
-from intaglio.topology import Topology, border_edges, directed_edges, edge_keys, pieces, used_vertices
+from intaglio.topology import Topology
 
 Array = np.ndarray
 
-# A piece of the scan lies on the base where its median distance is within this many robust deviations of the whole.
-_ON_BASE = 4.0
+# Default of the relief scale, in spacings.
+_RELIEF_SCALE = 20
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,10 @@ def prepare_ground(
     extent: Extent = None,
     frames: str | None = None,
     reference: Array | None = None,
+    holes: Holes = None,
+    hole_size: Sequence[float] | None = None,
+    relief_scale: float | None = None,
+    device: str = "cpu",
 ) -> Ground:
     """Fit the base, lay out targets, triangulate scan and targets together, and set local frames.
 
@@ -86,38 +94,98 @@ def prepare_ground(
     ----------
     surface : Surface
         The scan; all its vertices count as measured.
-    base : Base or {"auto", "plane", "cylinder", "sphere"}
-        The base, or the kind to fit; "auto" takes the kind that fits best.
+    base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
+        The base, or the kind to fit; "auto" takes the plane, cylinder or sphere that fits, else the smoothed scan.
     spacing : float, optional
         Distance between targets, a length in the input's unit; default from the scan's edge lengths.
     extent : see `region_to_complete`
     frames, reference : see `local_frames`
+    holes, hole_size : see `choose_holes`
+        They ask for a smooth base.
+    relief_scale : float, optional
+        With a smooth base: the wave length, in the input's unit, below which the surface counts as relief; default 20 spacings.
+    device : str
 
     Raises
     ------
     InputError
         For a surface that can't be completed; the message names what is wrong and where.
     FitError
-        If no base fits, or "auto" finds two kinds that fit equally well.
+        If no base fits, or "auto" finds two kinds that fit equally well and the scan encloses no hole.
     """
     vertices, faces = surface.vertices, surface.faces
     check_scan(vertices, faces)
+    if relief_scale is not None:
+        relief_scale = checked_positive("relief_scale", relief_scale)
     notes: list[str] = []
-    chosen = _base_of(vertices[used_vertices(faces, len(vertices))], base, notes)
-    keep, faces, note = _pieces_on_base(chosen, vertices, faces)
+    asked = [n for n, v in (("holes", holes), ("hole_size", hole_size), ("relief_scale", relief_scale)) if v is not None]
+    if asked and not (isinstance(base, str) and base in ("auto", "smooth")):
+        raise InputError(f"{asked[0]} goes with base='smooth' or 'auto', not with a {getattr(base, 'kind', base)}; leave it None")
+    chosen = "smooth" if asked else choose_base(vertices, faces, base, notes)
+    if isinstance(chosen, str):
+        if extent not in (None, "holes"):
+            raise InputError(f"extent={extent!r} goes with a plane, cylinder or sphere; a smooth base fills holes: see holes=")
+        laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
+    else:
+        laid = _over_base(chosen, vertices, faces, spacing, extent, notes)
+    scanned = int(laid.kept.sum())
+    count = len(laid.foot)
+    check_joined(laid.faces, count, scanned)
+    measured = np.arange(count) < scanned
+    points = np.concatenate([vertices[laid.kept], laid.foot[scanned:]])
+    center = points[:scanned].mean(axis=0)
+    seed_vertex = int(np.argmin(((points[:scanned] - center) ** 2).sum(axis=1)))
+    u, v = local_frames(laid.normal, laid.faces, laid.base, frames, reference, seed_vertex)
+    notes.append(f"{count - scanned} targets in {laid.holes} {'region' if laid.holes == 1 else 'regions'}")
+    color = surface.color
+    if color is not None:
+        color = np.concatenate([color[laid.kept], np.zeros((count - scanned, 3), color.dtype)])
+    return Ground(
+        laid.base,
+        points,
+        laid.foot,
+        laid.normal,
+        laid.faces,
+        measured,
+        color,
+        u,
+        v,
+        float(laid.spacing),
+        laid.regular,
+        Topology.of(laid.faces, count),
+        tuple(notes),
+    )
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """Scan and targets over their base: ``kept`` (of the scan's vertices), foot, normal and faces of both together."""
+
+    base: Base
+    kept: Array
+    foot: Array
+    normal: Array
+    faces: Array
+    holes: int
+    spacing: float
+    regular: bool
+
+
+def _over_base(base: Base, vertices: Array, faces: Array, spacing: float | None, extent: Extent, notes: list[str]) -> _Laid:
+    """Lay targets over what the scan leaves open of a plane, cylinder or sphere."""
+    kept, faces, note = pieces_on_base(np.abs(base.distance(vertices)), vertices, faces)
     if note:
         notes.append(note)
-    vertices = vertices[keep]
-    color = None if surface.color is None else surface.color[keep]
-    chosen = face_the_scan(chosen, vertices, faces)
-    foot, normal = chosen.foot(vertices)
+    vertices = vertices[kept]
+    base = face_the_scan(base, vertices, faces)
+    foot, normal = base.foot(vertices)
     own_spacing = spacing is None
     spacing, note = _spacing(spacing, foot, faces)
     notes.append(note)
-    region = region_to_complete(chosen, foot, faces, spacing, extent, own_spacing)
+    region = region_to_complete(base, foot, faces, spacing, extent, own_spacing)
     notes.append(region.note)
     filling = fill_base(
-        chosen,
+        base,
         vertices,
         faces,
         region.candidates,
@@ -126,41 +194,66 @@ def prepare_ground(
         only_holes=region.only_holes,
         regular=region.regular,
     )
-    target_foot, target_normal = chosen.foot(filling.points)
-    count = len(vertices) + len(filling.points)
-    all_faces = np.concatenate([faces, filling.faces]).astype(np.int32)
-    all_normal = np.concatenate([normal, target_normal])
-    all_foot = np.concatenate([foot, target_foot])
-    _check_joined(all_faces, count, len(vertices))
-    measured = np.arange(count) < len(vertices)
-    center = vertices.mean(axis=0)
-    seed_vertex = int(np.argmin(((vertices - center) ** 2).sum(axis=1)))
-    u, v = local_frames(all_normal, all_faces, chosen, frames, reference, seed_vertex)
-    regions = "region" if filling.holes == 1 else "regions"
-    notes.append(f"{len(filling.points)} targets in {filling.holes} {regions}")
-    if color is not None:
-        color = np.concatenate([color, np.zeros((len(filling.points), 3), color.dtype)])
-    return Ground(
-        chosen,
-        np.concatenate([vertices, target_foot]),
-        all_foot,
-        all_normal,
-        all_faces,
-        measured,
-        color,
-        u,
-        v,
-        float(spacing),
+    target_foot, target_normal = base.foot(filling.points)
+    return _Laid(
+        base,
+        kept,
+        np.concatenate([foot, target_foot]),
+        np.concatenate([normal, target_normal]),
+        np.concatenate([faces, filling.faces]).astype(np.int32),
+        filling.holes,
+        spacing,
         region.regular,
-        Topology.of(all_faces, count),
-        tuple(notes),
     )
 
 
-def _spacing(spacing: float | None, foot: Array, faces: Array) -> tuple[float, str]:
+def _over_scan(
+    vertices: Array,
+    faces: Array,
+    spacing: float | None,
+    holes: Holes,
+    hole_size: Sequence[float] | None,
+    relief_scale: float | None,
+    device: str,
+    notes: list[str],
+) -> _Laid:
+    """Fill holes of the scan smoothly, and smooth the scan itself."""
+    kept, faces, note = pieces_on_base(None, vertices, faces)
+    if note:
+        notes.append(note)
+    vertices = vertices[kept]
+    spacing, note = _spacing(spacing, vertices, faces, middle=True)
+    notes.append(note)
+    every = find_holes(vertices, faces)
+    chosen = choose_holes(every, holes, hole_size)
+    open_left = len(every) - len(chosen)
+    notes.append(
+        f"{len(chosen)} holes to fill, rims {chosen[-1].length:.6g} to {chosen[0].length:.6g} long"
+        + (f"; {open_left} borders left open ({sum(h.outer for h in every)} of all are where the scan ends)" if open_left else "")
+    )
+    if relief_scale is None:
+        relief_scale = _RELIEF_SCALE * spacing
+        notes.append(f"relief scale {relief_scale:.6g}: {_RELIEF_SCALE} spacings; shorter waves are relief, longer ones shape")
+    else:
+        notes.append(f"relief scale {relief_scale:.6g}: as given")
+    filling = fill_smoothly(vertices, faces, chosen, every, spacing, relief_scale, device)
+    notes += filling.notes
+    return _Laid(
+        filling.base,
+        kept,
+        filling.foot,
+        filling.normal,
+        np.concatenate([faces, filling.faces]).astype(np.int32),
+        filling.holes,
+        spacing,
+        False,
+    )
+
+
+def _spacing(spacing: float | None, foot: Array, faces: Array, middle: bool = False) -> tuple[float, str]:
     """Return the distance between targets, found or as given, and the note that says so."""
     if spacing is None:
-        return sampling_distance(foot, faces)
+        return sampling_distance(foot, faces, middle)
     spacing = number(spacing, "spacing")
     if spacing <= 0:
         raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
@@ -169,99 +262,6 @@ def _spacing(spacing: float | None, foot: Array, faces: Array) -> tuple[float, s
         wanted = "smaller" if spacing > size else "larger"
         raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
     return spacing, f"spacing {spacing:.6g}: as given"
-
-
-def check_scan(vertices: Array, faces: Array) -> None:
-    """Raise `InputError` for a mesh that relief can't be completed on, naming what is wrong and what would be right."""
-    if len(vertices) == 0 or len(faces) == 0:
-        raise InputError(f"the surface is empty: {len(vertices)} vertices, {len(faces)} faces")
-    corners = vertices[faces]
-    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    if repeated.any():
-        raise InputError(
-            f"{repeated.sum()} faces name one vertex twice, the first is face {np.flatnonzero(repeated)[0]}; "
-            "repair it (read_surface(path, repair=True), --repair) to drop them"
-        )
-    keys = edge_keys(directed_edges(faces), len(vertices))
-    unique, counts = np.unique(keys, return_counts=True)
-    if (counts > 1).any():
-        a, b = divmod(int(unique[counts > 1][0]), len(vertices))
-        raise InputError(
-            f"{(counts > 1).sum()} edges are run through twice in the same direction, the first from vertex {a} to {b}: "
-            "neighbouring faces wind in opposite directions, or more than two share an edge; "
-            "repair it (read_surface(path, repair=True), --repair) to turn and thin them"
-        )
-    used = np.flatnonzero(used_vertices(faces, len(vertices)))
-    order = np.lexsort(vertices[used].T)
-    same = (np.diff(vertices[used][order], axis=0) == 0).all(axis=1)
-    if same.any():
-        first = int(np.flatnonzero(same)[0])
-        raise InputError(
-            f"{same.sum()} vertices lie exactly on another one, the first are {used[order[first]]} and "
-            f"{used[order[first + 1]]}: faces that should join do not; repair it to merge them "
-            "(read_surface(path, repair=True), --repair)"
-        )
-    if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
-        raise InputError("all faces have area zero: the surface is a line or a point")
-    if len(border_edges(faces)) == 0:
-        raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
-
-
-def _base_of(points: Array, base: Base | str, notes: list[str]) -> Base:
-    if isinstance(base, Plane | Cylinder | Sphere):
-        notes.append(f"base as given: {base.describe()}")
-        return base
-    if not isinstance(base, str) or base not in ("auto", *KINDS):
-        raise InputError(f"unknown base {base!r}; known: 'auto', {', '.join(map(repr, KINDS))}, or a Plane, Cylinder or Sphere")
-    fitted = fit_base(points, KINDS if base == "auto" else (base,))
-    assert fitted.fit is not None
-    if fitted.fit.ambiguous:
-        table = ", ".join(f"{k} rms {v[0]:.6g}" for k, v in sorted(fitted.fit.candidates.items()))
-        raise FitError(f"the scan does not decide its base ({table}): say which it is, base='plane', 'cylinder' or 'sphere'")
-    if fitted.fit.poor and base == "auto":
-        raise FitError(
-            f"no plane, cylinder or sphere carries this scan ({fitted.fit.note}): cut out the part that one does carry, or "
-            f"say which to use all the same, base='{fitted.kind}'"
-        )
-    notes += [f"base fitted: {fitted.describe()}", fitted.fit.note]
-    return fitted
-
-
-def _pieces_on_base(base: Base, vertices: Array, faces: Array) -> tuple[Array, Array, str]:
-    """Keep the connected pieces that lie on the base; vertices that no face uses go as well."""
-    number, label = pieces(faces, len(vertices))
-    used = used_vertices(faces, len(vertices))
-    sizes = np.bincount(label[used], minlength=number)
-    distance = np.abs(base.distance(vertices))
-    largest = int(np.argmax(sizes))
-    main = used & (label == largest)
-    size = float(np.linalg.norm(np.ptp(vertices[main], axis=0)))
-    tolerance = _ON_BASE * max(1.4826 * float(np.median(distance[main])), 1e-9 * size)
-    # A piece of a few triangles has no relief to give and would only pepper the base with islands.
-    enough = [int(p) for p in np.flatnonzero(sizes >= 50) if np.median(distance[used & (label == p)]) <= tolerance]
-    taken = np.isin(label, np.array([largest, *enough])) & used
-    real = int((sizes > 0).sum())
-    note = ""
-    if real > 1 or not used.all():
-        left = int((used & ~taken).sum())
-        note = (
-            f"the scan is in {real} pieces: {len({largest, *enough})} on the base taken ({taken.sum()} vertices), the "
-            f"others left out ({left} vertices), {int((~used).sum())} vertices in no face"
-        )
-    renumber = np.cumsum(taken) - 1
-    return taken, renumber[faces[taken[faces].all(axis=1)]].astype(np.int32), note
-
-
-def _check_joined(faces: Array, count: int, scanned: int) -> None:
-    """Raise `InputError` where a piece of the triangulation holds no scanned vertex: no relief could grow there."""
-    number_of_pieces, label = pieces(faces, count)
-    reached = np.zeros(number_of_pieces, bool)
-    reached[label[:scanned]] = True
-    if not reached.all():
-        raise InputError(
-            "part of what is to be completed is not joined to the scan, so no relief can grow there: choose an extent that "
-            "touches the scan, or cut spikes off the scan's border"
-        )
 
 
 def number(value: float, name: str) -> float:
