@@ -31,7 +31,7 @@ LANES = 16
 vec16 = wp.types.vector(length=LANES, dtype=wp.float32)
 
 # What a missing grid point costs, on heights scaled to unit variance; far above any real difference, far below overflow.
-_MISSING = 1.0e9
+MISSING = 1.0e9
 
 
 @wp.kernel
@@ -134,16 +134,16 @@ class NeighbourhoodMatcher:
         self._permutation_host = np.ascontiguousarray(permutation, np.int32)
         self._permutation = wp.array(self._permutation_host, dtype=wp.int32, device=device)
         exists = known > 0
-        filled = np.where(exists, value, np.float32(_MISSING)).astype(np.float32)
+        filled = np.where(exists, value, np.float32(MISSING)).astype(np.float32)
         self._sample = wp.array(filled, dtype=float, device=device)
         if self.engine == "blas":
             # [y^2, y] side by side: the two products are one.
             self._products = np.empty((self.samples, 2 * self.grid), np.float32)
-            self._products[:, : self.grid] = np.where(exists, value * value, np.float32(_MISSING) ** 2)
+            self._products[:, : self.grid] = np.where(exists, value * value, np.float32(MISSING) ** 2)
             self._products[:, self.grid :] = np.where(exists, value, 0)
         else:
             padded = -self.samples % LANES
-            rows = np.concatenate([filled, np.full((padded, self.grid), _MISSING, np.float32)])
+            rows = np.concatenate([filled, np.full((padded, self.grid), MISSING, np.float32)])
             blocked = rows.reshape(-1, LANES, self.grid).transpose(0, 2, 1)
             self._blocks = wp.array(np.ascontiguousarray(blocked), dtype=vec16, device=device)
         # Columns of a cost table per rotation: the samples, padded to whole blocks by the Warp engine.

@@ -199,7 +199,7 @@ def full_matching_error(scan, whole):
     ground = prepare_ground(scan, "sphere")
     metric = DisplacementMetric(ground, sample_set(ground, True), 5, 4, "cpu")
     count = len(whole.vertices)
-    state = State(whole.relief, np.ones(count, bool), whole.source, np.zeros(count), np.zeros(count), None)
+    state = State(whole.relief, np.ones(count, bool), whole.source, np.zeros(count), np.zeros(count), None, np.full(count, -1))
     targets = np.flatnonzero(~whole.measured)
     rule = Selection("near-best", 1.0, 100.0, np.inf)
     return metric.pick(targets, np.full(len(targets), 5), state, rule, np.zeros(len(targets))).error.mean()

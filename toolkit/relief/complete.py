@@ -9,24 +9,30 @@ import numpy as np
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
+from intaglio.kernels.location import polar_grid
 from intaglio.randomness import checked_seed
+from intaglio.relief.arguments import check_combination, check_samples, check_surface, checked_selection, whole_number
 from intaglio.relief.base import Base
+from intaglio.relief.channels import compare_by
 from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.frames import FRAMES
 from intaglio.relief.holes import Holes
-from intaglio.relief.prepare import Ground, number, prepare_ground
-from intaglio.relief.propagate import Growth, Metric, Selection, grow_relief
+from intaglio.relief.levels import coarse_relief, frames_along
+from intaglio.relief.parameters import choose_parameters
+from intaglio.relief.plan import plan_search
+from intaglio.relief.prepare import Ground, prepare_ground
+from intaglio.relief.propagate import Growth, Metric, grow_relief
 from intaglio.relief.refine import refine_relief
 from intaglio.relief.rim import shift_to_rim
 from intaglio.relief.samples import sample_set
 from intaglio.relief.smooth_base import SmoothBase
 from intaglio.relief.surface_metric import SurfaceMetric
 from intaglio.surface import Surface
-from intaglio.topology import border_edges
 
 Array = np.ndarray
 
-DEFAULT_WINDOW = 7
+# A scan whose heights differ by less than this share of the spacing has no relief.
+_NO_RELIEF = 1e-4
 # Beyond this many candidates (samples times rotations) the sample set is not oversampled unless asked for: halving all
 # edges makes four times as many.
 _OVERSAMPLE_UP_TO = 100_000
@@ -37,7 +43,7 @@ def complete_relief(
     base: Base | str = "auto",
     window: int | None = None,
     error: float | None = None,
-    rotations: int = 1,
+    rotations: int | None = None,
     metric: str = "displacement",
     order: str = "wave",
     levels: int = 1,
@@ -61,6 +67,7 @@ def complete_relief(
     holes: Holes = None,
     hole_size: Sequence[float] | None = None,
     relief_scale: float | None = None,
+    memory: float | None = None,
 ) -> Surface:
     """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
 
@@ -73,41 +80,49 @@ def complete_relief(
     surface : Surface
         The scan. Its vertices come out bit for bit as they are, first and in the same order, except those of pieces that
         don't lie on the base or that no face uses: these are left out, and the notes say how many.
-    base : Base or {"auto", "plane", "cylinder", "sphere"}
-        The base, or the kind to fit.
+    base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
+        The base, or the kind to fit. "smooth": the scan's own smoothed surface, carried on over its holes. "auto": a plane,
+        cylinder or sphere where one fits, else "smooth".
     window : int, optional
         w: radius of the neighbourhoods, in edges (times ``spacing`` in length). It should cover the largest feature that
-        repeats. Default 7.
+        repeats. Default from the relief's period or correlation length.
     error : float, optional
-        e: a match is accepted below this weighted mean squared distance, in squared input units; default half the
-        variance of the measured displacement. Rises by 10 % whenever no target can be filled.
-    rotations : int
+        e: a match is accepted below this weighted mean squared distance, in squared input units; default
+        from the noise, between a tenth and a half of the variance of what is compared. Rises by 10 % whenever no target can be
+        filled.
+    rotations : int, optional
         R: every sample is tried at R rotations about its normal. 0 or 1 for none, as suits relief with a direction; more
-        for isotropic relief.
+        for isotropic relief. Default 1 where the relief has a direction, else 12.
     metric : {"displacement", "surface"}
         "displacement" compares heights over a tangent grid; "surface" is the papers' point-to-triangle measure, slower.
     order : {"wave", "sequential"}
         "wave" fills the whole boundary list at once; "sequential" one vertex after the other, as the papers do.
     levels : int
-        Only 1: relief is completed at one scale.
+        Scales, 1 to 6: relief is completed coarse to fine, each level's targets half as far apart as the one's before, and
+        compared in the coarser relief as well.
     refine : int
         Passes that match the filled part again as a whole, vote, and copy; removes what growth got wrong. 0: none.
     color_weight : float, optional
-        Only None: shape alone decides; colours are carried along with the relief.
+        1 - mu of paper 000, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
+        then the combined measure times the squared largest difference of measured displacements. Default: shape alone
+        decides. Colours are carried along with the relief in any case.
     spacing : float, optional
         Distance between targets, a length in the input's unit; default from the scan's edges.
     extent : str or sequence of float, optional
         What to complete: None or "whole", "rectangle", "holes", or numbers; see `intaglio.relief.extent`.
-    search : {"auto", "exhaustive"}
-        Every sample is compared.
+    search : {"auto", "exhaustive", "approximate"}
+        "exhaustive" compares every sample; "approximate" looks beside what neighbours were matched to, and beside the best of
+        some thousand samples. "auto": exhaustive up to 50,000 candidates (samples times rotations), and beyond while it is
+        a matter of seconds.
     seed : int
         The same seed gives the same bits.
     device : str, optional
         "cpu", "cuda:0"; default CUDA if there is one.
     progress : callable, optional
         Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
-    frames : {"algebraic", "sweep", "reference"}, optional
-        Local frames; default by the base. ``reference`` is the vector for "reference".
+    frames : {"algebraic", "sweep", "reference", "relief"}, optional
+        Local frames; default by the base. ``reference`` is the vector for "reference". "relief" turns every frame along the
+        slope of the coarser relief (levels > 1), so that one rotation does for relief without a direction.
     oversample : bool, optional
         Halve the sample set's edges; default where targets don't continue the scan's lattice and candidates stay few.
     bootstrap : bool
@@ -116,6 +131,16 @@ def complete_relief(
         At random among matches within ``factor`` of the best (paper 000), or among the best ``eta`` percent (paper 001).
     engine : {"auto", "blas", "warp"}
         How the displacement metric's costs are computed; with "near-best" the choices are the same.
+
+    holes : {"all", "largest", "every"}, int or sequence of int, optional
+        With a smooth base: what to fill. "all": the holes that the scan encloses (default); "every": where the scan ends as
+        well; numbers as `intaglio info` lists them.
+    hole_size : (low, high), optional
+        With a smooth base: only holes whose rim is so long, in the input's unit.
+    relief_scale : float, optional
+        With a smooth base: the wave length, in the input's unit, below which the surface is relief; default 20 spacings.
+    memory : float, optional
+        Most memory of the process, in GiB: tables are made in chunks and samples thinned to fit.
 
     Returns
     -------
@@ -141,39 +166,68 @@ def complete_relief(
     >>> scan = intaglio.read_surface("golfball.ply")  # doctest: +SKIP
     >>> whole = intaglio.complete_relief(scan, base="sphere", rotations=24, seed=1)  # doctest: +SKIP
     """
-    _check_surface(surface)
-    window = DEFAULT_WINDOW if window is None else _whole(window, "window", 1, 64)
-    rotations = _whole(rotations, "rotations", 0, 720) or 1
-    refine = _whole(refine, "refine", 0, 100)
+    check_surface(surface)
+    window = None if window is None else whole_number(window, "window", 1, 64)
+    rotations = None if rotations is None else whole_number(rotations, "rotations", 0, 720) or 1
+    refine = whole_number(refine, "refine", 0, 100)
+    levels = whole_number(levels, "levels", 1, 6)
     seed = checked_seed(seed)
     for name, value, known in (
         ("metric", metric, ("displacement", "surface")),
         ("order", order, ("wave", "sequential")),
-        ("search", search, ("auto", "exhaustive")),
+        ("search", search, ("auto", "exhaustive", "approximate")),
         ("engine", engine, ("auto", "blas", "warp")),
-        ("frames", frames, (None, *FRAMES)),
+        ("frames", frames, (None, *FRAMES, "relief")),
     ):
         if not (value is None or isinstance(value, str)) or value not in known:
             raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
     if progress is not None and not callable(progress):
         raise InputError(f"progress must be callable, not {type(progress).__name__}")
-    _check_combination(levels, color_weight, refine, metric, bootstrap)
+    check_combination(
+        levels, color_weight, refine, metric, bootstrap=bootstrap, selection=selection, search=search, frames=frames
+    )
     chosen_device = device_or_error(device)
     if engine == "blas" and not chosen_device.startswith("cpu"):
         raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
-    ground = prepare_ground(
-        surface, base, spacing=spacing, extent=extent, frames=frames, reference=reference,
-        holes=holes, hole_size=hole_size, relief_scale=relief_scale, device=chosen_device,
-    )  # fmt: skip
+
+    def ground_at(distance: float | None, shape: Base | str = base, scale: float | None = relief_scale) -> Ground:
+        return prepare_ground(
+            surface, shape, spacing=distance, extent=extent, frames=None if frames == "relief" else frames,
+            reference=reference, holes=holes, hole_size=hole_size, relief_scale=scale, device=chosen_device,
+        )  # fmt: skip
+
+    ground = ground_at(spacing)
+    check_samples(ground)
+    comparison = compare_by(ground, color_weight)
     relief = ground.height[ground.measured]
-    rule = _selection(selection, factor, eta, error, relief, ground.spacing)
+    variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
+    rule = checked_selection(selection, factor, eta, error)
+    chosen = choose_parameters(ground, window, error, rotations, variance)
+    window, rotations = chosen.window, chosen.rotations
+    rule = replace(rule, error=chosen.error)
+    notes = chosen.notes
+    if levels > 1:
+        guide = coarse_relief(
+            ground, _coarser(ground, ground_at), levels,
+            window=window, rotations=rotations, selection=rule, seed=seed, device=chosen_device, memory=memory,
+        )  # fmt: skip
+        comparison = replace(comparison, coarse=guide)
+        notes += (f"{levels} levels, the coarsest with targets {ground.spacing * 2 ** (levels - 1):.4g} apart",)
+        if frames == "relief":
+            u, v = frames_along(ground, guide)
+            ground = replace(ground, u=u, v=v)
     if oversample is None:
         oversample = not ground.regular and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
     samples = sample_set(ground, oversample)
-    _check_samples(ground)
     matcher: Metric
     if metric == "displacement":
-        matcher = DisplacementMetric(ground, samples, window, rotations, chosen_device, engine)
+        points = len(polar_grid(max(window, 2), rotations)[1]) * len(comparison.factors())
+        plan = plan_search(ground, samples, points, rotations, _search(search, bootstrap, selection), memory, seed)
+        notes += plan.notes
+        matcher = DisplacementMetric(
+            ground, plan.samples, window, rotations, chosen_device, engine,
+            comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed,
+        )  # fmt: skip
     else:
         matcher = SurfaceMetric(ground, samples, window, rotations, chosen_device)
     # A refinement pass counts as much as growth: every vertex is matched once in each.
@@ -196,24 +250,27 @@ def complete_relief(
         f"grown in {growth.waves} lists; error bound {rule.error:.6g} at first, {growth.threshold:.6g} at last; "
         f"{growth.shrunk} windows shrunk" + (f"; {passes} refinement passes" if passes else ""),
     )
+    if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
+        settings += ("the scan has no relief over its base: what was filled is the smooth surface",)
     if growth.orphans:
         settings += (f"{growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-    return _completed(ground, growth, settings)
+    return _completed(ground, growth, notes + settings)
 
 
-def _check_samples(ground: Ground) -> None:
-    """Raise `InputError` where no measured vertex has measured surface all around it."""
-    inner = ground.measured.copy()
-    inner[ground.faces[~ground.measured[ground.faces].all(axis=1)]] = False
-    inner[np.unique(border_edges(ground.faces))] = False
-    if not inner.any():
-        raise InputError(
-            f"fewer samples than the smallest window needs: none of {int(ground.measured.sum())} measured vertices has "
-            "measured surface all around it"
-        )
+def _coarser(ground: Ground, ground_at: Callable[..., Ground]) -> Callable[[float], Ground]:
+    """Grounds over the same base with targets further apart; a smooth base is laid anew, at the same relief scale."""
+    if isinstance(ground.base, SmoothBase):
+        scale = ground.base.relief_scale
+        return lambda distance: ground_at(distance, "smooth", scale)
+    return lambda distance: ground_at(distance, ground.base)
 
 
-def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Surface:
+def _search(search: str, bootstrap: bool, selection: str) -> str:
+    """Ranks and growing sample sets need every sample compared."""
+    return "exhaustive" if search == "auto" and (bootstrap or selection == "best-percent") else search
+
+
+def _completed(ground: Ground, growth: Growth, notes: tuple[str, ...]) -> Surface:
     state = growth.state
     vertices = ground.vertices.copy()
     filled = state.textured & ~ground.measured
@@ -233,50 +290,5 @@ def _completed(ground: Ground, growth: Growth, settings: tuple[str, ...]) -> Sur
         rotation=state.rotation,
         error=state.error,
         model=model,
-        notes=ground.notes + settings,
+        notes=ground.notes + notes,
     )
-
-
-def _check_surface(surface: Surface) -> None:
-    if not isinstance(surface, Surface):
-        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
-    made_up = int((~surface.measured).sum())
-    if made_up:
-        raise InputError(
-            f"the surface holds {made_up} vertices that were filled, not measured: they can't serve as measurements; "
-            "complete the scan itself, or surface.part(surface.measured)"
-        )
-
-
-def _check_combination(levels: int, color_weight: float | None, refine: int, metric: str, bootstrap: bool) -> None:
-    """Refuse what can't be had, or not together."""
-    if levels != 1:
-        raise InputError(f"levels={levels!r}: relief is completed at one scale only; leave levels at 1")
-    if color_weight is not None:
-        raise InputError("color_weight: matching goes by shape alone; leave it None (colours are carried along)")
-    if refine and metric == "surface":
-        raise InputError("refine works with metric='displacement'; set refine=0 or change the metric")
-    if refine and bootstrap:
-        raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
-
-
-def _selection(rule: str, factor: float, eta: float, error: float | None, relief: Array, spacing: float) -> Selection:
-    """How matches are chosen; the default error bound is half the variance of the measured relief."""
-    if rule not in ("near-best", "best-percent"):
-        raise InputError(f"selection must be 'near-best' or 'best-percent', not {rule!r}")
-    factor, eta = number(factor, "factor"), number(eta, "eta")
-    if factor < 1:
-        raise InputError(f"factor must be at least 1, not {factor!r}")
-    if not 0 < eta <= 100:
-        raise InputError(f"eta is a percentage in (0, 100], not {eta!r}")
-    if error is None:
-        error = max(0.5 * float(relief.var()), 1e-12 * spacing**2)
-    elif number(error, "error") <= 0:
-        raise InputError(f"error must be a positive number, in squared input units, not {error!r}")
-    return Selection(rule, factor, eta, float(error))
-
-
-def _whole(value: int, name: str, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-        raise InputError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
-    return int(value)

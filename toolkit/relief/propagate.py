@@ -67,7 +67,10 @@ class Metric(Protocol):
 
 @dataclass
 class State:
-    """The growing surface: what each vertex carries so far."""
+    """The growing surface: what each vertex carries so far.
+
+    ``sample`` is the number of the sample that a vertex carries, or is itself; -1 for none.
+    """
 
     height: Array
     textured: Array
@@ -75,6 +78,7 @@ class State:
     rotation: Array
     error: Array
     color: Array | None
+    sample: Array
 
 
 @dataclass(frozen=True)
@@ -153,6 +157,7 @@ def grow_relief(
         rotation=np.zeros(count, np.float32),
         error=np.zeros(count, np.float32),
         color=None if ground.color is None else ground.color.copy(),
+        sample=metric.samples.numbers(count),
     )
     windows = np.full(count, window)
     attempts = np.zeros(count, np.int64)
@@ -197,6 +202,7 @@ def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepte
     chosen = picks.sample[accepted]
     state.height[vertices] = samples.height[chosen]
     state.source[vertices] = samples.vertex[chosen]
+    state.sample[vertices] = chosen
     state.rotation[vertices] = np.mod(picks.rotation[accepted] + samples.turn[chosen], np.float32(2 * np.pi))
     state.error[vertices] = picks.error[accepted]
     if state.color is not None and samples.color is not None:
@@ -209,7 +215,7 @@ def _take_from_neighbours(state: State, vertices: Array, graph: csr_array) -> No
     for vertex in vertices:
         near = graph.indices[graph.indptr[vertex] : graph.indptr[vertex + 1]]
         giver = near[state.textured[near]][0]
-        for field in (state.height, state.source, state.rotation):
+        for field in (state.height, state.source, state.rotation, state.sample):
             field[vertex] = field[giver]
         if state.color is not None:
             state.color[vertex] = state.color[giver]

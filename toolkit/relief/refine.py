@@ -13,6 +13,7 @@ from intaglio.randomness import uniform
 from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Progress, Selection, State
+from intaglio.render.compare import decode_srgb
 
 Array = np.ndarray
 
@@ -66,14 +67,19 @@ def refine_relief(
         picks = metric.pick(targets, windows, state, copy_best, draw)
         found = picks.sample >= 0
         if step < passes - 1:
-            voted = metric.vote(targets[found], picks, found, size, (picks.error[found] / spread + 1e-6) ** _ROBUST_POWER)
+            confidence = (picks.error[found] / spread + 1e-6) ** _ROBUST_POWER
+            voted, shown = metric.vote(targets[found], picks, found, size, confidence)
             hit = np.isfinite(voted)
             state.height[targets[hit]] = voted[hit]
             state.height[targets] = _redistribute(state.height[targets], measured)
+            state.sample[targets[found]], state.rotation[targets[found]] = picks.sample[found], picks.rotation[found]
+            if shown is not None and state.color is not None:
+                state.color[targets[hit]] = decode_srgb(shown[hit])
         else:
             at, chosen = targets[found], picks.sample[found]
             state.height[at] = metric.samples.height[chosen]
             state.source[at] = metric.samples.vertex[chosen]
+            state.sample[at] = chosen
             state.rotation[at] = picks.rotation[found]
             state.error[at] = picks.error[found]
             if state.color is not None and metric.samples.color is not None:

@@ -42,6 +42,26 @@ class Samples:
     first_face: Array
     turn: Array
 
+    def part(self, keep: Array) -> Samples:
+        """Return the samples with the numbers ``keep`` (K,)."""
+        return Samples(
+            self.vertex[keep],
+            self.foot[keep],
+            self.u[keep],
+            self.v[keep],
+            self.height[keep],
+            None if self.color is None else self.color[keep],
+            self.first_face[keep],
+            self.turn[keep],
+        )
+
+    def numbers(self, count: int) -> Array:
+        """Return the number of the sample that each of ``count`` vertices is, or -1: (count,) int32."""
+        number = np.full(count, -1, np.int32)
+        # Midpoints of edges come after the vertices and count as one of them: the first stands.
+        number[self.vertex[::-1]] = np.arange(len(self.vertex), dtype=np.int32)[::-1]
+        return number
+
 
 def sample_set(ground: Ground, oversample: bool) -> Samples:
     """Return the measured vertices and, oversampled, the midpoints of all measured edges.
