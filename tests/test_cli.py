@@ -128,13 +128,13 @@ def test_interrupted_work_leaves_no_file(cap, tmp_path):
     # The real command, with Ctrl-C pressed once growth is under way.
     script.write_text(
         "import os, signal, sys\n"
-        "import intaglio.cli as cli\n"
-        "shown = cli.ProgressBar.update\n"
+        "from intaglio import cli, progress\n"
+        "shown = progress.ProgressBar.update\n"
         "def update(self, done, total):\n"
         "    shown(self, done, total)\n"
         "    if 0 < done < total:\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"
-        "cli.ProgressBar.update = update\n"
+        "progress.ProgressBar.update = update\n"
         "sys.argv = ['intaglio', 'complete', 'cap.ply', '-o', 'out.ply', '--base', 'sphere', '--window', '3']\n"
         "cli.main()\n"
     )

@@ -116,7 +116,15 @@ def test_surface_metric_agrees_with_brute_force(wave_tube, device):
     window, rotations = 2, 2
     metric = SurfaceMetric(ground, samples, window, rotations, device)
     count = len(ground.measured)
-    state = State(ground.height, ground.measured.copy(), np.arange(count, dtype=np.int32), np.zeros(count), np.zeros(count), None)
+    state = State(
+        ground.height,
+        ground.measured.copy(),
+        np.arange(count, dtype=np.int32),
+        np.zeros(count),
+        np.zeros(count),
+        None,
+        np.full(count, -1),
+    )
     targets = np.flatnonzero(~ground.measured & (np.abs(ground.foot[:, 2] - 8) < 1.5))[:4]
     near = [t for t in targets if ground.measured[ground.faces[(ground.faces == t).any(axis=1)]].any()]
     assert near

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 import warnings
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import NoReturn, TextIO
 
 import click
 import numpy as np
 
 import intaglio
 from intaglio.cli_geometry import extend
-from intaglio.cli_options import Extent, Numbers, common, image_size, known_suffix, render_on, unless_given
+from intaglio.cli_options import Numbers, common, image_size, known_suffix, render_on
 from intaglio.cli_photographs import restore, texture
 from intaglio.cli_photometric import assess, relight, represent
+from intaglio.cli_relief import complete
 from intaglio.cli_synthesis import rank, synthesize
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError, IntaglioWarning
@@ -27,7 +27,6 @@ from intaglio.images import IMAGE_SUFFIXES
 from intaglio.kernels.launch import start_quietly
 from intaglio.mesh_writing import WRITABLE
 from intaglio.photometric.reading import STACK_SUFFIXES
-from intaglio.progress import ProgressBar
 
 Array = np.ndarray
 
@@ -38,81 +37,8 @@ def cli() -> None:
     """Complete, synthesise and relight the fine surface texture of real objects, render it, and measure it."""
 
 
-for _command in (represent, relight, assess, synthesize, rank, texture, restore, extend):
+for _command in (complete, represent, relight, assess, synthesize, rank, texture, restore, extend):
     cli.add_command(_command)
-
-
-@cli.command(epilog="Example: intaglio complete scan.ply -o whole.ply --base sphere --rotations 12 --report whole.html")
-@click.argument("scan", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Mesh to write; PLY keeps provenance.")
-@click.option("--base", type=click.Choice(["auto", "plane", "cylinder", "sphere"]), default="auto", show_default=True)
-@click.option("--extent", type=Extent(), default=None, help="whole, rectangle, holes, or numbers (low,high or u0,u1,v0,v1).")
-@click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default 7. Cover the largest feature.")
-@click.option("--error", type=float, default=None, help="Largest accepted mean squared distance, in squared units.")
-@click.option("--rotations", type=int, default=1, show_default=True, help="Rotations tried; more for relief without direction.")
-@click.option("--refine", type=int, default=3, show_default=True, help="Refinement passes after growth; 0: growth alone.")
-@click.option("--spacing", type=float, default=None, help="Distance between new vertices, in the scan's unit.")
-@click.option("--metric", type=click.Choice(["displacement", "surface"]), default="displacement", show_default=True)
-@click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
-@click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
-@click.option("--frames", type=click.Choice(["algebraic", "sweep", "reference"]), default=None, help="Local frames.")
-@click.option("--reference", type=Numbers(3), default=None, help="x,y,z: global vector for --frames reference.")
-@click.option("--factor", type=float, default=1.1, show_default=True, help="near-best: share of the least error.")
-@click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
-@click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
-@click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
-@click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
-@click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
-@click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface, for the report.")
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
-@common
-def complete(
-    scan: Path,
-    output: Path,
-    view: tuple[float, ...] | None,
-    repair: bool,
-    truth: Path | None,
-    report: Path | None,
-    **settings: Any,
-) -> None:
-    """Complete what SCAN did not see: its smooth base, and over it the scan's own relief.
-
-    Measured vertices come out as they are (in PLY bit for bit). What was made up is marked in the PLY's vertex
-    properties measured, source, rotation and error.
-    """
-    check_readable(scan)
-    check_writable(output, inputs=(scan,) if truth is None else (scan, truth))
-    known_suffix(output, WRITABLE, "mesh")
-    if report is not None:
-        check_writable(report, inputs=(scan, output))
-        known_suffix(report, (".html", ".htm"), "report")
-    known = None if truth is None else intaglio.read_surface(truth)
-    surface = intaglio.read_surface(scan, view=view, repair=repair)
-    if settings["metric"] == "surface" or settings["bootstrap"]:
-        settings["refine"] = unless_given("refine", 0, settings["refine"])
-    start = time.perf_counter()
-    try:
-        with ProgressBar("completing") as bar:
-            whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
-    except (InputError, intaglio.FitError) as error:
-        raise type(error)(f"{scan}: {error}") from error
-    for note in surface.notes + whole.notes:
-        click.echo(f"  {note}", err=True)
-    intaglio.write_surface(whole, output)
-    filled = int((~whole.measured).sum())
-    seconds = time.perf_counter() - start
-    click.echo(f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {seconds:.1f} s")
-    if report is not None and filled == 0:
-        click.echo(f"no report: what was missing of {scan} was closed by triangles alone, there is nothing to assess")
-    elif report is not None:
-        from intaglio.relief.report import write_relief_report
-
-        figures = write_relief_report(
-            whole, report, truth=known, scan=surface, title=f"{scan.name} completed", device=settings["device"]
-        )
-        for line in figures.lines():
-            click.echo(f"  {line}")
-        click.echo(f"wrote {report}")
 
 
 @cli.command(epilog="Example: intaglio render whole.ply -o whole.png --direction 1,0.2,0.5 --slant 65")

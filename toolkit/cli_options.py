@@ -48,6 +48,21 @@ class Extent(click.ParamType):
         return numbers
 
 
+class HoleChoice(click.ParamType):
+    """all, largest, every, list, or comma-separated numbers of holes."""
+
+    name = "holes"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[int, ...]:
+        """Return the word or the numbers."""
+        if value in ("all", "largest", "every", "list"):
+            return str(value)
+        try:
+            return tuple(int(v) for v in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not all, largest, every, list, or numbers like 1,3", param, ctx)
+
+
 def common(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that every command has."""
     command = click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one.")(command)

@@ -24,10 +24,14 @@ from intaglio.photometric.stack import Exposure, checked_lights
 from intaglio.photometric.writing import read_relightable
 from intaglio.relief.extent import sampling_distance
 from intaglio.relief.fit import fit_base
+from intaglio.relief.scan import list_holes
 from intaglio.render.variant import variant
+from intaglio.surface import Surface
 from intaglio.topology import border_loops, pieces, used_vertices
 
 Array = np.ndarray
+
+_MOST_HOLES = 12
 
 
 def system_facts(asked: str | None) -> list[str]:
@@ -60,6 +64,7 @@ def mesh_facts(path: Path, repair: bool) -> list[str]:
         loops = border_loops(surface.faces)
         sizes = ", ".join(str(len(loop)) for loop in loops[:8]) + (", …" if len(loops) > 8 else "")
         lines.append(f"{len(np.unique(label[used]))} pieces; {len(loops)} border loops" + (f" of {sizes} edges" if loops else ""))
+        lines += _hole_lines(surface)
         lines.append(sampling_distance(surface.vertices, surface.faces)[1])
     if surface.model is not None:
         lines.append(f"base: {surface.model.describe()}")
@@ -70,6 +75,16 @@ def mesh_facts(path: Path, repair: bool) -> list[str]:
         except IntaglioError as error:
             lines.append(f"best base: none ({error})")
     return [*lines, *surface.notes]
+
+
+def _hole_lines(surface: Surface) -> list[str]:
+    """The longest holes and borders, numbered as `complete --holes` takes them."""
+    try:
+        holes = list_holes(surface)
+    except IntaglioError as problem:
+        return [f"holes: {problem}"]
+    more = [f"  … and {len(holes) - _MOST_HOLES} shorter ones"] if len(holes) > _MOST_HOLES else []
+    return [f"  {hole.describe()}" for hole in holes[:_MOST_HOLES]] + more
 
 
 def point_facts(path: Path) -> list[str]:

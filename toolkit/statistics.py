@@ -77,7 +77,7 @@ def roughness_spectrum(points: Array, values: Array, spacing: float) -> tuple[Ar
     return wavelength, np.maximum(2 * np.pi * kernel.sum(axis=1) * 0.5 * spacing, 0.0)
 
 
-def seam_measure(points: Array, values: Array, faces: Array, measured: Array) -> float:
+def seam_measure(points: Array, values: Array, faces: Array, measured: Array, normals: Array | None = None) -> float:
     """Return how much larger jumps across the seam are than jumps along the same direction inside; 1: no seam.
 
     Jumps are height differences over edges. Those across the seam join a measured and a filled vertex; those they are held
@@ -93,6 +93,8 @@ def seam_measure(points: Array, values: Array, faces: Array, measured: Array) ->
     faces : (F, 3) array
         Triangles.
     measured : (N,) bool array
+    normals : (N, 3) array, optional
+        Of the base. A jump is then how far two vertices stand apart along their mean normal, steps of the base itself counted in.
 
     Returns
     -------
@@ -108,6 +110,11 @@ def seam_measure(points: Array, values: Array, faces: Array, measured: Array) ->
         return float("nan")
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
     jump = np.abs(values[edges[:, 0]] - values[edges[:, 1]])
+    if normals is not None:
+        surface = points + values[:, None] * normals
+        along = normals[edges].sum(axis=1)
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        jump = np.abs(np.einsum("ij,ij->i", surface[edges[:, 0]] - surface[edges[:, 1]], along))
     bounds = np.unique(np.quantile(length[beside], np.linspace(0, 1, 9)))
     at = np.clip(np.searchsorted(bounds, length[beside], side="right") - 1, 0, max(len(bounds) - 2, 0))
     count = np.bincount(at)

@@ -12,6 +12,7 @@ from intaglio.topology import border_edges
 
 
 def check_surface(surface: Surface) -> None:
+    """Raise `InputError` for what is no surface, or one that holds filled vertices."""
     if not isinstance(surface, Surface):
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
     made_up = int((~surface.measured).sum())
@@ -67,6 +68,7 @@ def checked_selection(rule: str, factor: float, eta: float, error: float | None)
 
 
 def whole_number(value: int, name: str, least: int, most: int) -> int:
+    """Return ``value`` as an int from ``least`` to ``most``, or raise `InputError`."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
         raise InputError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
     return int(value)

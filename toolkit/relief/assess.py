@@ -9,6 +9,7 @@ import numpy as np
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.location import height_above
+from intaglio.relief.smooth_base import SmoothBase
 from intaglio.statistics import (
     earth_movers_distance,
     histogram_overlap,
@@ -181,7 +182,14 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
         std_filled=float(relief[filled].std()),
         displacement_emd=earth_movers_distance(relief[filled], relief[measured]),
         normal_emd=earth_movers_distance(tilt[filled], tilt[measured]),
-        seam=seam_measure(surface.base, relief, surface.faces[(measured | filled)[surface.faces].all(axis=1)], measured),
+        seam=seam_measure(
+            surface.base,
+            relief,
+            surface.faces,
+            measured,
+            # The base of a filling was made up: a step in it is a seam as well.
+            surface.normal if isinstance(surface.model, SmoothBase) else None,
+        ),
         wavelength=wavelength,
         spectrum_measured=spectrum_measured,
         spectrum_filled=spectrum_filled,

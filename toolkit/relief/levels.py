@@ -92,7 +92,8 @@ def coarse_relief(
         growth = grow_relief(coarse, metric, window=window, selection=rule, seed=seed + level)
         refine_relief(coarse, metric, growth.state, window=window, passes=_PASSES, seed=seed + level)
         guide, last = growth.state.height, coarse
-    assert guide is not None and last is not None
+    assert guide is not None
+    assert last is not None
     return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing))
 
 

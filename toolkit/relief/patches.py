@@ -20,6 +20,7 @@ _LONGEST_RIM = 1000
 _SPLIT = 1.4
 _MOST_ROUNDS = 60
 _FLIP_SWEEPS = 12
+_RELAXATIONS = 4
 
 
 class RimError(Exception):
@@ -130,15 +131,17 @@ def refined(points: Array, faces: Array, spacing: float, barred: Array) -> tuple
     for _ in range(_MOST_ROUNDS):
         points, faces, split = _split(points, faces, _SPLIT * spacing)
         faces = _flipped(points, faces, edge_keys(pairs, len(points)))
-        moving = np.ones(len(points), bool)
-        moving[rim] = False
-        graph = adjacency(faces, len(points))
-        degree = np.maximum(np.diff(graph.indptr), 1)[:, None]
-        for _ in range(2):
-            points = np.where(moving[:, None], (graph @ points) / degree, points)
         if split == 0:
             break
-    return points, _flipped(points, faces, edge_keys(pairs, len(points)))
+    # Only now: vertices that moved between splits would crowd where edges are still long.
+    moving = np.ones(len(points), bool)
+    moving[rim] = False
+    for _ in range(_RELAXATIONS):
+        graph = adjacency(faces, len(points))
+        degree = np.maximum(np.diff(graph.indptr), 1)[:, None]
+        points = np.where(moving[:, None], 0.5 * (points + (graph @ points) / degree), points)
+        faces = _flipped(points, faces, edge_keys(pairs, len(points)))
+    return points, faces
 
 
 def _split(points: Array, faces: Array, longest: float) -> tuple[Array, Array, int]:
@@ -146,17 +149,17 @@ def _split(points: Array, faces: Array, longest: float) -> tuple[Array, Array, i
     edges = directed_edges(faces)
     opposite = opposite_edges(faces, len(points))
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    # Rim edges can't be split; among equals the smaller vertex numbers win, on both sides alike.
+    # A rim edge can't be split, and where it is the longest nothing is: beside a long one splits would never end. Among equals the
+    # larger vertex numbers win, on both sides alike.
     low, high = edges.min(axis=1), edges.max(axis=1)
-    splittable = np.where(opposite >= 0, length, -1.0)
-    order = np.lexsort([high, low, splittable])
+    order = np.lexsort([high, low, length])
     rank = np.empty(len(edges), np.int64)
-    key = np.stack([splittable, low, high], axis=1)[order]
+    key = np.stack([length, low, high], axis=1)[order]
     rank[order] = np.cumsum(np.concatenate([[0], (np.diff(key, axis=0) != 0).any(axis=1)]))
     best = rank.reshape(-1, 3).argmax(axis=1) + 3 * np.arange(len(faces))
     chosen = np.zeros(len(edges), bool)
     chosen[best] = True
-    chosen &= (splittable > longest) & (opposite >= 0)
+    chosen &= (length > longest) & (opposite >= 0)
     chosen &= chosen[opposite]
     first = np.flatnonzero(chosen & (np.arange(len(edges)) < opposite))
     if len(first) == 0:

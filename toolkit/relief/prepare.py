@@ -22,7 +22,7 @@ from intaglio.topology import Topology
 Array = np.ndarray
 
 # Default of the relief scale, in spacings.
-_RELIEF_SCALE = 20
+_RELIEF_SCALE = 12
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,22 @@ al. 2005, over a surface). The last pass copies: every filled vertex again has o
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from intaglio.randomness import uniform
 from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Progress, Selection, State
+from intaglio.relief.smooth_base import SmoothBase
 from intaglio.render.compare import decode_srgb
+from intaglio.topology import pieces
 
 Array = np.ndarray
 
 _STREAM_REFINE = 3
 _SMALLEST_WINDOW = 3
+# How far around a hole its surroundings reach at least, in spacings.
+_SURROUNDINGS = 10.0
 # Kwatra et al.: votes count by distance to the power r - 2 with r = 0.8, that is squared distance to -0.6.
 _ROBUST_POWER = -0.6
 
@@ -57,8 +62,8 @@ def refine_relief(
     if len(targets) == 0:
         return 0
     copy_best = Selection("near-best", 1.0, 100.0, np.inf)
-    measured = np.sort(state.height[ground.measured])
-    spread = float(measured.var()) or 1.0
+    references = _references(ground, state, targets)
+    spread = float(state.height[ground.measured].var()) or 1.0
     last_window = max(min(_SMALLEST_WINDOW, window), window // 2)
     for step in range(passes):
         size = round(window + (last_window - window) * step / max(passes - 1, 1))
@@ -71,7 +76,8 @@ def refine_relief(
             voted, shown = metric.vote(targets[found], picks, found, size, confidence)
             hit = np.isfinite(voted)
             state.height[targets[hit]] = voted[hit]
-            state.height[targets] = _redistribute(state.height[targets], measured)
+            for own, measured in references:
+                state.height[own] = _redistribute(state.height[own], measured)
             state.sample[targets[found]], state.rotation[targets[found]] = picks.sample[found], picks.rotation[found]
             if shown is not None and state.color is not None:
                 state.color[targets[hit]] = decode_srgb(shown[hit])
@@ -87,6 +93,29 @@ def refine_relief(
         if progress is not None:
             progress(len(targets) * (2 + step), len(targets) * (1 + passes))
     return passes
+
+
+def _references(ground: Ground, state: State, targets: Array) -> list[tuple[Array, Array]]:
+    """Filled vertices, and the sorted measured heights whose distribution theirs should have.
+
+    On a plane, cylinder or sphere the relief is taken to be one texture. Over a scan of any shape it is rough here and smooth there:
+    each hole goes by what surrounds it, as far from its rim as it is large.
+    """
+    if not isinstance(ground.base, SmoothBase):
+        return [(targets, np.sort(state.height[ground.measured]))]
+    _, label = pieces(ground.faces[(~ground.measured)[ground.faces].all(axis=1)], len(ground.measured))
+    scan = np.flatnonzero(ground.measured)
+    tree = cKDTree(ground.foot[scan])
+    order = targets[np.argsort(label[targets], kind="stable")]
+    out = []
+    for own in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        foot = ground.foot[own]
+        center = foot.mean(axis=0)
+        radius = float(np.linalg.norm(foot - center, axis=1).max()) + ground.spacing
+        near = scan[tree.query_ball_point(center, 2 * radius + _SURROUNDINGS * ground.spacing)]
+        if len(near) >= len(own):
+            out.append((own, np.sort(state.height[near])))
+    return out
 
 
 def _redistribute(height: Array, measured_sorted: Array) -> Array:

@@ -54,9 +54,9 @@ def shift_to_rim(ground: Ground, state: State) -> Array:
     graph = coo_array((ones, (own[:, 0], own[:, 1])), shape=(len(vertices), len(vertices)))
     graph = csr_array(graph + graph.T)
     at = place[inner]
-    diagonal = np.asarray(graph.sum(axis=1)).reshape(-1) + np.bincount(at, minlength=len(vertices))
     # On a triangular lattice the graph's Laplacian is 3/2 of the continuous one.
-    diagonal = diagonal + 1.5 * _STIFFNESS / _REACH**2
+    weak = 1.5 * _STIFFNESS / _REACH**2
+    diagonal = np.asarray(graph.sum(axis=1)).reshape(-1) + np.bincount(at, minlength=len(vertices)) + weak
     right = np.bincount(at, misfit, len(vertices))
     shift[vertices] = solved(csr_array(diags_array(diagonal) - graph), right[:, None], np.zeros((len(vertices), 1)))[:, 0]
     return shift

@@ -7,7 +7,8 @@ import numpy as np
 from intaglio.errors import FitError, InputError
 from intaglio.relief.base import Base, Cylinder, Plane, Sphere
 from intaglio.relief.fit import KINDS, fit_base
-from intaglio.relief.holes import find_holes
+from intaglio.relief.holes import Hole, find_holes
+from intaglio.surface import Surface
 from intaglio.topology import border_edges, directed_edges, edge_keys, pieces, used_vertices
 
 Array = np.ndarray
@@ -20,6 +21,13 @@ _SMALLEST_PIECE = 50
 
 def check_scan(vertices: Array, faces: Array) -> None:
     """Raise `InputError` for a mesh that relief can't be completed on, naming what is wrong and what would be right."""
+    check_faces(vertices, faces)
+    if len(border_edges(faces)) == 0:
+        raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
+
+
+def check_faces(vertices: Array, faces: Array) -> None:
+    """Raise `InputError` for faces that don't fit together, naming what is wrong and what would be right."""
     if len(vertices) == 0 or len(faces) == 0:
         raise InputError(f"the surface is empty: {len(vertices)} vertices, {len(faces)} faces")
     corners = vertices[faces]
@@ -50,8 +58,32 @@ def check_scan(vertices: Array, faces: Array) -> None:
         )
     if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
         raise InputError("all faces have area zero: the surface is a line or a point")
-    if len(border_edges(faces)) == 0:
-        raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
+
+
+def list_holes(surface: Surface) -> list[Hole]:
+    """Return the holes and outer borders of a scan, longest first, numbered as `complete_relief` takes them.
+
+    Pieces of fewer than 50 vertices are left out, as in completion.
+
+    Parameters
+    ----------
+    surface : Surface
+
+    Returns
+    -------
+    list of Hole
+        Each with ``number``, ``loop``, ``length``, ``area``, ``center``, ``outer`` and ``describe()``.
+
+    Raises
+    ------
+    InputError
+        For a surface that is empty or whose faces don't fit together.
+    """
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    check_faces(surface.vertices, surface.faces)
+    kept, faces, _ = pieces_on_base(None, surface.vertices, surface.faces)
+    return find_holes(surface.vertices[kept], faces)
 
 
 def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:

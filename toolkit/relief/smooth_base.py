@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,6 +23,10 @@ Array = np.ndarray
 
 # Most vertices of a hole that are solved for at once; a larger hole is solved on coarser triangles and refined afterwards.
 _SOLVED_AT_ONCE = 15_000
+# A filling may be so many times as large as the triangulation of least area, and so much of it may be folded, before it is
+# drawn tighter; how tight, tried in turn.
+_LARGEST, _FOLDED = 2.2, 0.005
+_TENSIONS = (0.0, 0.3, 1.0, 3.0)
 # A piece of the scan lies in a hole if so much of its border lies over the smooth filling, no further than this share of
 # the hole's size.
 _ISLAND_SHARE, _ISLAND_DISTANCE = 0.9, 0.25
@@ -131,7 +136,7 @@ def fill_smoothly(
         except RimError as problem:
             failed.append(f"{hole.describe()}: {problem}")
             continue
-        added, patch_faces = _faired(vertices, faces, patch, spacing, relief_scale)
+        added, patch_faces = _fairest(vertices, faces, patch, spacing, relief_scale)
         patch_faces = np.where(patch_faces >= len(vertices), patch_faces + len(points) - len(vertices), patch_faces)
         points = np.concatenate([points, added])
         triangles.append(patch_faces)
@@ -161,10 +166,7 @@ def _patch(vertices: Array, edges: Array, hole: Hole, islands: list[Hole], spaci
     here = np.isin(a, rim) & np.isin(b, rim)
     joined = np.stack([np.searchsorted(rim, a[here]), np.searchsorted(rim, b[here])], axis=1)
     patch = _Patch(rim, vertices[rim], local, joined)
-    area = 0.5 * np.linalg.norm(
-        np.cross(*(patch.points[local[:, k]] - patch.points[local[:, 0]] for k in (1, 2))), axis=1
-    ).sum()  # fmt: skip
-    patch.refine(max(spacing, float(np.sqrt(2.3 * area / _SOLVED_AT_ONCE))))
+    patch.refine(max(spacing, float(np.sqrt(2.3 * patch.area / _SOLVED_AT_ONCE))))
     return patch
 
 
@@ -175,6 +177,22 @@ class _Patch:
         self.rim, self.points, self.faces, self._joined = rim, points, faces, joined
         self.coarse = 0.0
 
+    @property
+    def area(self) -> float:
+        """Of its triangles."""
+        return 0.5 * float(np.linalg.norm(self._crosses, axis=1).sum())
+
+    @property
+    def folded(self) -> float:
+        """Share of its triangles that face away from the mean of their vertices' normals."""
+        normals = vertex_normals(self.points, self.faces)[self.faces].sum(axis=1)
+        return float((np.einsum("ij,ij->i", self._crosses, normals) < 0).mean())
+
+    @property
+    def _crosses(self) -> Array:
+        corners = self.points[self.faces]
+        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
     def refine(self, spacing: float) -> None:
         """Split and flip until edges are about ``spacing`` long."""
         table = np.sort(edge_keys(self._joined, len(self.points)))
@@ -182,8 +200,31 @@ class _Patch:
         self.coarse = spacing
 
 
-def _faired(vertices: Array, faces: Array, patch: _Patch, spacing: float, relief_scale: float) -> tuple[Array, Array]:
-    """Return the patch's inner vertices (K, 3), fair, and its faces with numbers from the scan's count on for them."""
+def _fairest(vertices: Array, faces: Array, flat: _Patch, spacing: float, relief_scale: float) -> tuple[Array, Array]:
+    """Return the patch's inner vertices (K, 3), fair, and its faces with numbers from the scan's count on for them.
+
+    Over a rim whose tangents point far apart a plate bulges or folds: it is then drawn tighter, step by step, towards a soap film.
+    """
+    patch = flat
+    for tension in _TENSIONS:
+        patch = _faired(vertices, faces, flat, relief_scale, tension)
+        if patch.area <= _LARGEST * flat.area and patch.folded <= _FOLDED:
+            break
+    rim = patch.rim
+    if patch.coarse > 1.001 * spacing:
+        facets = patch.coarse
+        patch.refine(spacing)
+        patch.points = smoothed(
+            patch.points, patch.points, patch.faces, 5 * facets, free=np.arange(len(patch.points)) >= len(rim)
+        )
+    inner = patch.points[len(rim) :]
+    number = np.concatenate([rim, len(vertices) + np.arange(len(inner))])
+    return inner, number[patch.faces]
+
+
+def _faired(vertices: Array, faces: Array, flat: _Patch, relief_scale: float, tension: float) -> _Patch:
+    """Return the patch in the shape of least energy together with the scan around it, smoothed."""
+    patch = copy(flat)
     rim = patch.rim
     near = cKDTree(vertices[rim]).query(vertices, distance_upper_bound=1.5 * relief_scale)[0] < np.inf
     near &= _reached(faces, near, rim)
@@ -199,21 +240,15 @@ def _faired(vertices: Array, faces: Array, patch: _Patch, spacing: float, relief
         mesh = np.concatenate([place[band_faces], number[patch.faces]])
         geometry = np.concatenate([smooth_band, inner])
         weight = np.concatenate([np.ones(len(band)), np.zeros(len(inner))])
-        solved = smoothed(np.concatenate([data, inner]), geometry, mesh, relief_scale, weight=weight)
+        solved = smoothed(
+            np.concatenate([data, inner]), geometry, mesh, relief_scale, weight=weight, film=number[patch.faces], tension=tension
+        )
         smooth_band = solved[: len(band)]
         patch.points = np.concatenate([patch.points[: len(rim)], solved[len(band) :]])
         if step == 0:
             # The surface has grown beyond the flat one that was refined.
             patch.refine(patch.coarse)
-    if patch.coarse > 1.001 * spacing:
-        facets = patch.coarse
-        patch.refine(spacing)
-        patch.points = smoothed(
-            patch.points, patch.points, patch.faces, 5 * facets, free=np.arange(len(patch.points)) >= len(rim)
-        )
-    inner = patch.points[len(rim) :]
-    number = np.concatenate([rim, len(vertices) + np.arange(len(inner))])
-    return inner, number[patch.faces]
+    return patch
 
 
 def _reached(faces: Array, near: Array, rim: Array) -> Array:

@@ -27,9 +27,9 @@ _FLATTEST, _STEEPEST = 0.02, 20.0
 
 
 def laplacian(points: Array, faces: Array) -> tuple[csr_array, Array]:
-    """Return the cotangent Laplacian (N, N), negative semi-definite, and the vertex areas (N,).
+    """Return the symmetric cotangent Laplacian (N, N), negative semi-definite, and the vertex areas (N,).
 
-    Rows of border vertices are zero, so that a plane has the energy zero up to its border. Cotangents are kept between 0.02 and 20.
+    Cotangents are kept between 0.02 and 20.
 
     Parameters
     ----------
@@ -47,11 +47,7 @@ def laplacian(points: Array, faces: Array) -> tuple[csr_array, Array]:
         rows += [faces[:, a], faces[:, b]]
         columns += [faces[:, b], faces[:, a]]
         weights += [half, half]
-    row, weight = np.concatenate(rows), np.concatenate(weights)
-    inner_vertex = np.ones(count)
-    inner_vertex[np.unique(border_edges(faces))] = 0
-    weight = weight * inner_vertex[row]
-    graph = coo_array((weight, (row, np.concatenate(columns))), shape=(count, count)).tocsr()
+    graph = coo_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(count, count)).tocsr()
     area = np.bincount(faces.reshape(-1), np.repeat(double_area / 6, 3), count)
     positive = area[area > 0]
     least = 1e-3 * float(positive.mean()) if len(positive) else 1.0
@@ -59,7 +55,15 @@ def laplacian(points: Array, faces: Array) -> tuple[csr_array, Array]:
 
 
 def smoothed(
-    values: Array, points: Array, faces: Array, length: float, *, weight: Array | None = None, free: Array | None = None
+    values: Array,
+    points: Array,
+    faces: Array,
+    length: float,
+    *,
+    weight: Array | None = None,
+    free: Array | None = None,
+    film: Array | None = None,
+    tension: float = 0.0,
 ) -> Array:
     """Return the thin-plate surface (N, C) through values over a mesh.
 
@@ -75,12 +79,20 @@ def smoothed(
         Data weights; default 1.
     free : (N,) bool array, optional
         Vertices that may move; the others keep their values. Default all.
+    film : (K, 3) array, optional
+        Triangles on which slope counts as well, ``tension`` times: it draws the surface there in between a plate and a soap film. In
+        units in which the thin-plate energy has weight 1 and ``s`` is 1.
     """
     count = len(points)
     # In units of the length scale, so that entries are of order one whatever the input's unit.
     scale = length / (2 * np.pi)
     operator, area = laplacian(points / scale, faces)
-    energy = csr_array(operator.T @ diags_array(1 / area) @ operator)
+    # Border vertices' rows don't count, so that a plane has the energy zero up to its border.
+    inner = np.ones(count)
+    inner[np.unique(border_edges(faces))] = 0
+    energy = csr_array(operator.T @ diags_array(inner / area) @ operator)
+    if film is not None and tension > 0:
+        energy = csr_array(energy - tension * laplacian(points / scale, film)[0])
     mass = area if weight is None else area * weight
     system = csr_array(energy + diags_array(mass))
     offset = values.mean(axis=0)

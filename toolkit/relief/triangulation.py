@@ -100,8 +100,8 @@ def fill_base(
     fixed_tree = cKDTree(fixed)
 
     # What lies close to a scanned point lies on the scan or too near its border: dropped before it costs anything.
-    candidates = candidates[cKDTree(feet).query(candidates)[0] > _CLEARANCE * spacing]
-    targets = candidates[fixed_tree.query(candidates)[0] > _CLEARANCE * spacing]
+    candidates = candidates[_clear(cKDTree(feet), candidates, _CLEARANCE * spacing)]
+    targets = candidates[_clear(fixed_tree, candidates, _CLEARANCE * spacing)]
     region = _Region(base, chart_of, feet[rim], rim_xy, edges, spacing, inside, only_holes)
     for sweep in range(_RELAXATIONS):
         triangles, used = region.triangulate(targets)
@@ -119,6 +119,11 @@ def fill_base(
     index = np.concatenate([rim, len(vertices) + np.arange(len(targets))])
     out = index[triangles].astype(np.int32)
     return Filling(targets, out[:, ::-1].copy() if clockwise else out, region.count)
+
+
+def _clear(tree: cKDTree, points: Array, distance: float) -> Array:
+    """Which of ``points`` have nothing of ``tree`` within ``distance``: bounded, since most lie far from a border."""
+    return np.asarray(np.isinf(tree.query(points, distance_upper_bound=distance, workers=-1)[0]))
 
 
 class _Region:
@@ -275,7 +280,7 @@ def _mend_density(base: Base, rim: Array, targets: Array, triangles: Array, spac
     extra = _circumcenter(corners[large])
     extra = base.foot(extra[np.isfinite(extra).all(axis=1)])[0]
     if len(extra):
-        extra = extra[fixed.query(extra)[0] > _CLEARANCE * spacing]
+        extra = extra[_clear(fixed, extra, _CLEARANCE * spacing)]
     if len(extra):
         # A circumcentre far outside its own triangle (a sliver's) is no place for a point.
         reach = cKDTree(corners[large].mean(axis=1)).query(extra)[0]
@@ -283,8 +288,7 @@ def _mend_density(base: Base, rim: Array, targets: Array, triangles: Array, spac
     pool = np.concatenate([targets, extra])
     if len(pool) == 0:
         return pool
-    keep = fixed.query(pool)[0] > 0.9 * _CLEARANCE * spacing
-    pool = pool[keep]
+    pool = pool[_clear(fixed, pool, 0.9 * _CLEARANCE * spacing)]
     drop = np.zeros(len(pool), bool)
     for a, b in sorted(cKDTree(pool).query_pairs(0.9 * _CLEARANCE * spacing)):
         if not drop[a]:
