@@ -18,7 +18,7 @@ from intaglio.surface import Surface
 
 Array = np.ndarray
 
-RADIUS, DEPTH = 60.0, 5.0  # mm
+RADIUS, DEPTH = 60.0, 9.0  # mm
 COLUMNS, ROWS = 288, 160
 SETTINGS: dict[str, Any] = {"base": "cylinder", "refine": 4, "color_weight": 0.5, "rotations": 1}
 
@@ -41,7 +41,8 @@ def trunk() -> Surface:
     color = material("albedo")[:ROWS, :, :3]
     # Heights are stored as they are: decoding them as display values would bend them.
     height = encode_srgb(material("displacement"))[:ROWS, :, 0]
-    height = DEPTH * (height - height.mean())
+    # The base lies at the bottom of the furrows, as a trunk lies under its bark.
+    height = DEPTH * (height - height.min()) / np.ptp(height)
     step = 2 * np.pi * RADIUS / COLUMNS
     c, r = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS), indexing="ij")
     angle = 2 * np.pi * c / COLUMNS

@@ -17,7 +17,7 @@ Array = np.ndarray
 # Candidates (samples times rotations) up to which every one is compared with "auto".
 EXHAUSTIVE_UP_TO = 50_000
 # Multiplications that are worth no shortcut: a few seconds.
-_SMALL_WORK = 4e11
+_SMALL_WORK = 1.5e11
 # Below this many the samples would say too little about the relief.
 _FEWEST_SAMPLES = 2_000
 _STREAM_THINNING = 5

@@ -158,14 +158,23 @@ def fill_smoothly(
 
 
 def _patch(vertices: Array, edges: Array, hole: Hole, islands: list[Hole], spacing: float, device: str) -> _Patch:
-    triangles = triangulated_rim(vertices, edges, [hole.loop, *(island.loop for island in islands)], device)
-    rim = np.unique(triangles)
-    local = np.searchsorted(rim, triangles)
+    rim = np.unique(np.concatenate([hole.loop, *(island.loop for island in islands)]))
+    points = vertices[rim]
+    try:
+        triangles = triangulated_rim(vertices, edges, [hole.loop, *(island.loop for island in islands)], device)
+        local = np.searchsorted(rim, triangles)
+    except RimError:
+        # Every chord is an edge of the scan already: a few triangles about a vertex in the middle need none.
+        if islands or len(rim) < len(hole.loop):
+            raise
+        ring = np.searchsorted(rim, hole.loop[::-1])
+        local = np.stack([ring, np.roll(ring, -1), np.full(len(ring), len(rim))], axis=1)
+        points = np.concatenate([points, points.mean(axis=0, keepdims=True)])
     # Pairs of rim vertices that the scan joins already: no flip may make that edge again.
     a, b = np.divmod(edges, len(vertices))
     here = np.isin(a, rim) & np.isin(b, rim)
     joined = np.stack([np.searchsorted(rim, a[here]), np.searchsorted(rim, b[here])], axis=1)
-    patch = _Patch(rim, vertices[rim], local, joined)
+    patch = _Patch(rim, points, local, joined)
     patch.refine(max(spacing, float(np.sqrt(2.3 * patch.area / _SOLVED_AT_ONCE))))
     return patch
 
