@@ -6,6 +6,7 @@ import argparse
 import os
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,14 @@ from intaglio.kernels.launch import start_quietly
 from intaglio.progress import ProgressBar
 from intaglio.relief.assess import ReliefReport, assess_relief
 from intaglio.relief.complete import complete_relief
-from intaglio.relief.report import COMPLETED, SCAN, TRUTH, relief_pictures, write_relief_report
+from intaglio.relief.report import COMPLETED, RELIEF, SCAN, TRUTH, relief_pictures, write_relief_report
 from intaglio.surface import Surface
 
 Array = np.ndarray
+
+
+SMOOTH = "Filled smoothly only"
+SHEET = (SCAN, COMPLETED, RELIEF, SMOOTH, TRUTH)
 
 
 @dataclass(frozen=True)
@@ -71,9 +76,13 @@ def run_scene(
     *,
     truth: Surface | None = None,
     extra: tuple[str, ...] = (),
+    more: Callable[[Surface], dict[str, list[Array]]] | None = None,
     **settings: Any,
 ) -> Result:
-    """Complete ``scan``, measure, render before, after and truth, and write mesh, picture and report."""
+    """Complete ``scan``, measure, render before, after and truth, and write mesh, picture and report.
+
+    ``more(whole)`` renders further rows of the picture, under headings of their own.
+    """
     print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
     start = time.perf_counter()
     with ProgressBar("growing relief") as bar:
@@ -88,7 +97,7 @@ def run_scene(
     pictures = relief_pictures(whole, report, scan=scan, truth=truth)
     timed = (f"completed in {seconds:.2f} s", *extra)
     write_relief_report(whole, page, report=report, pictures=pictures, title=title, extra=timed)
-    write_image(contact_sheet(pictures), sheet)
+    write_image(contact_sheet(pictures if more is None else {**pictures, **more(whole)}, SHEET), sheet)
     for line in report.lines():
         print(f"  {line}")
     for line in timed:
@@ -97,7 +106,7 @@ def run_scene(
     return Result(scan, whole, report, seconds, sheet, page)
 
 
-def contact_sheet(pictures: dict[str, list[Array]], headings: tuple[str, ...] = (SCAN, COMPLETED, TRUTH)) -> Array:
+def contact_sheet(pictures: dict[str, list[Array]], headings: tuple[str, ...] = (SCAN, COMPLETED, RELIEF, TRUTH)) -> Array:
     """Return one picture: a row for each heading (scan, completion and truth, where known), a column for each viewpoint."""
     rows = [pictures[heading] for heading in headings if heading in pictures]
     return np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0)

@@ -10,10 +10,11 @@ from scipy.sparse import diags_array
 from intaglio.relief.prepare import Ground
 from intaglio.statistics import autocovariance
 from intaglio.surface import vertex_normals
+from intaglio.topology import directed_edges
 
 Array = np.ndarray
 
-# Lags that are looked at, in spacings; a lag bin is half a spacing wide.
+# Lags that are looked at, in steps of the scan; a bin is half a step wide.
 _REACH = 32
 # A second peak of the autocorrelation this high is a period.
 _PERIODIC = 0.15
@@ -79,7 +80,11 @@ def correlation(ground: Ground) -> tuple[Array, Array]:
     variance = float(height.var())
     if variance <= 1e-18 * ground.spacing**2:
         return np.zeros(0), np.zeros(0)
-    lag, covariance = autocovariance(ground.foot[measured], height, 0.5 * ground.spacing, 2 * _REACH)
+    faces = ground.faces[measured[ground.faces].all(axis=1)]
+    edges = directed_edges(faces)
+    # Bins narrower than the scan's own steps would hold a few odd pairs only.
+    step = 0.5 * max(float(np.median(np.linalg.norm(ground.foot[edges[:, 0]] - ground.foot[edges[:, 1]], axis=1))), ground.spacing)
+    lag, covariance = autocovariance(ground.foot[measured], height, step, 2 * _REACH)
     known = np.isfinite(covariance)
     return lag[known], covariance[known] / variance
 

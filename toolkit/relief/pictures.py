@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.relief.smooth_base import SmoothBase
 from intaglio.render.view import CLAY, Camera, Light, frame, view
 from intaglio.surface import Surface
+from intaglio.topology import pieces
 
 Array = np.ndarray
 
+# How far around the largest filling a picture reaches, in its own radii.
+_SURROUNDINGS = 1.8
 FILLED_TINT = (0.25, 0.42, 0.6)
 
 
 def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     """Return (name, direction, up) of three views: the measured part, across the seam, the filled part."""
     normal = surface.normal
+    if isinstance(surface.model, SmoothBase):
+        return _aboutlargest_filling(surface)
     seen, made = (normal[m].mean(axis=0) if m.any() else np.zeros(3) for m in (surface.measured, ~surface.measured))
     kind = surface.model.kind if surface.model is not None else "plane"
     front = _unit(seen) if np.linalg.norm(seen) > 1e-3 else _unit(normal[surface.measured][0])
@@ -43,15 +49,46 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     return [("the scanned side", front + lift, up), ("across the seam", side + lift, up), ("the completed side", back + lift, up)]
 
 
+def largest_filling(surface: Surface) -> Array:
+    """Return the vertices (K,) of the filled region that has most of them; all where nothing was filled."""
+    filled = ~surface.measured
+    if not filled.any():
+        return np.arange(len(filled))
+    _, label = pieces(surface.faces[filled[surface.faces].all(axis=1)], len(filled))
+    label = np.where(filled, label, -1)
+    return np.flatnonzero(label == np.argmax(np.bincount(label[filled])))
+
+
+def _aboutlargest_filling(surface: Surface) -> list[tuple[str, Array, Array]]:
+    normal = surface.normal[largest_filling(surface)].mean(axis=0)
+    front = _unit(normal) if np.linalg.norm(normal) > 1e-3 else np.array([0.0, 0.0, 1.0])
+    up = np.eye(3)[1] if abs(front[1]) < 0.8 else np.eye(3)[2]
+    up = _unit(up - (up @ front) * front)
+    side = np.cross(up, front)
+    return [
+        ("the largest hole", front, up),
+        ("from one side", _unit(front + 0.8 * side), up),
+        ("from the other side", _unit(front - 0.8 * side + 0.4 * up), up),
+    ]
+
+
 def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) -> list[Camera]:
     """Return the cameras that see all of ``surface`` from the directions, to look at other surfaces from there too."""
     used = np.unique(surface.faces)
+    if isinstance(surface.model, SmoothBase):
+        # A hole is small beside a statue: it fills half of the picture, with what surrounds it.
+        filled = surface.vertices[largest_filling(surface)]
+        center = filled.mean(axis=0)
+        reach = _SURROUNDINGS * float(np.linalg.norm(filled - center, axis=1).max())
+        used = used[np.linalg.norm(surface.vertices[used] - center, axis=1) <= reach]
     return [frame(surface.vertices[used], direction, up=up, margin=1.05) for _, direction, up in directions]
 
 
-def clay_pictures(surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480)) -> list[Array]:
-    """Return linear clay renderings (H, W, 3) of ``surface``, in its colours if it has any."""
-    return [picture(surface, camera, colors=surface.color, size=size) for camera in cameras]
+def clay_pictures(
+    surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480), color: bool = True
+) -> list[Array]:
+    """Return linear renderings (H, W, 3) of ``surface``, with ``color`` in its colours if it has any, else in clay."""
+    return [picture(surface, camera, colors=surface.color if color else None, size=size) for camera in cameras]
 
 
 def provenance_pictures(surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480)) -> list[Array]:

@@ -17,6 +17,7 @@ from intaglio.surface import Surface
 Array = np.ndarray
 
 SCAN, COMPLETED, TRUTH = "The scan", "Completed", "The truth"
+RELIEF = "Completed, relief alone"
 _MEASURED, _FILLED = "#a5855a", "#3b6ea5"
 
 
@@ -87,6 +88,8 @@ def relief_pictures(
     if scan is not None:
         rows[SCAN] = clay_pictures(scan, cameras, size=shape)
     rows[COMPLETED] = clay_pictures(surface, cameras, size=shape)
+    if surface.color is not None:
+        rows[RELIEF] = clay_pictures(surface, cameras, size=shape, color=False)
     rows["Measured (clay) and filled (blue)"] = provenance_pictures(surface, cameras, size=shape)
     if truth is not None:
         rows[TRUTH] = clay_pictures(truth, cameras, size=shape)

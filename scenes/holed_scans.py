@@ -1,0 +1,83 @@
+"""Real scans with holes on no simple base, filled with relief over their own smoothed surface; beside it what a smooth filling gives."""
+
+from __future__ import annotations
+
+import argparse
+import resource
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from intaglio.mesh_reading import read_surface
+from intaglio.relief.pictures import clay_pictures, fixed_cameras, largest_filling, viewpoints
+from intaglio.relief.smooth_base import SmoothBase
+from intaglio.relief.thin_plate import smoothed
+from intaglio.scenes.common import SMOOTH, Result, options, real_data, run_scene
+from intaglio.surface import Surface
+from intaglio.topology import adjacency
+
+Array = np.ndarray
+
+# Mesh, heading and settings.
+SCANS: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "statue_face": ("face000_rangemap/face000.ply", "Statue's face", {}),
+    "lion_statue": ("odedstein_lionstatue/lionstatue.obj", "Lion statue, its open underside", {}),
+    "bunny_base": ("bunny_range_scans/bun_zipper.ply", "Bunny, merged scans", {}),
+    "stone_lion": (
+        "lion_takanawa_points/lion_mesh_colour_300k.ply",
+        "Stone lion in colour",
+        {"color_weight": 0.3, "hole_size": (0.0, 4.0)},
+    ),
+    "specimen": ("smithsonian_usnm_1145291/usnm_1145291.glb", "Museum specimen in colour", {"color_weight": 0.3}),
+}
+
+
+def without_relief(whole: Surface) -> Surface:
+    """Return the completion with the filled part as mesh programs leave it: the biharmonic surface that joins the scan smoothly."""
+    assert isinstance(whole.model, SmoothBase)
+    filled = ~whole.measured
+    vertices = smoothed(
+        whole.vertices, whole.base, whole.faces, whole.model.relief_scale, weight=np.zeros(len(filled)), free=filled
+    )  # fmt: skip
+    return replace(whole, vertices=vertices)
+
+
+def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:
+    """Render the smooth filling from where the completion is seen, in clay."""
+    cameras = fixed_cameras(whole, viewpoints(whole))
+    return {SMOOTH: clay_pictures(without_relief(whole), cameras, color=False)}
+
+
+def relief_energy(surface: Surface) -> float:
+    """Return how rough the filling of the largest hole is against its surroundings: waves up to four edges long, squared.
+
+    What a vertex stands off the mean of its neighbours, along the base's normal, averaged over the filling and over the measured
+    vertices around it; the same measure for any filling, whatever its base.
+    """
+    graph = adjacency(surface.faces, len(surface.vertices))
+    degree = np.maximum(np.diff(graph.indptr), 1)[:, None]
+    off = np.einsum("ij,ij->i", surface.vertices - (graph @ surface.vertices) / degree, surface.normal) ** 2
+    inside = largest_filling(surface)
+    center = surface.vertices[inside].mean(axis=0)
+    reach = 1.8 * np.linalg.norm(surface.vertices[inside] - center, axis=1).max()
+    around = surface.measured & (np.linalg.norm(surface.vertices - center, axis=1) < reach)
+    return float(off[inside].mean() / off[around].mean())
+
+
+def run(args: argparse.Namespace) -> list[Result]:
+    """Run the scene."""
+    results = []
+    for name, (path, title, settings) in SCANS.items():
+        scan = read_surface(real_data(f"meshes/{path}"), repair=True)
+        result = run_scene(name, title, scan, args, base="smooth", refine=3, more=smooth_pictures, **settings)
+        own, smooth = (relief_energy(s) for s in (result.whole, without_relief(result.whole)))
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+        print(f"  roughness of the largest filling / of what surrounds it: {own:.2f}; filled smoothly only: {smooth:.2f}")
+        print(f"  peak memory of the process so far: {peak:.2f} GiB")
+        results.append(result)
+    return results
+
+
+if __name__ == "__main__":
+    run(options(__doc__ or ""))
