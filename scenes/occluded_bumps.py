@@ -37,9 +37,7 @@ def one_side(whole: Surface, *, pixels: int = 150, noise: float = NOISE, seed: i
     """Return what a scanner sees from 40 degrees off the normal."""
     away = np.radians(40.0)
     camera = Camera((0.0, -600 * np.sin(away), 600 * np.cos(away)), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), fov=7.0)
-    seen = range_scan(
-        whole.vertices, whole.faces, camera=camera, size=(pixels, pixels), noise=noise, steepest=80.0, seed=seed
-    )
+    seen = range_scan(whole.vertices, whole.faces, camera=camera, size=(pixels, pixels), noise=noise, steepest=80.0, seed=seed)
     return surface_from_range_image(seen.points, view=seen.view)
 
 

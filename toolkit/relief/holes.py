@@ -26,7 +26,7 @@ class Hole:
     number : int
         From 1, by falling length.
     loop : (K,) int32 array
-        Its vertices in order, the scan's faces on the left. A vertex in which the rim touches itself stands there twice.
+        Its vertices in order, each once, the scan's faces on the left. Where a border touches itself there are several holes.
     length, area : float
         Of the rim, and of the flat surface that the rim encloses (its vector area), in the input's unit and its square.
     center : (3,) array
@@ -55,7 +55,7 @@ class Hole:
 def find_holes(vertices: Array, faces: Array) -> list[Hole]:
     """Return all border loops of a triangulated scan, longest first.
 
-    At a vertex where the border touches itself a loop goes on along the fan of faces it is on.
+    A border that touches itself in a vertex is cut there into several.
 
     Parameters
     ----------
@@ -86,8 +86,7 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
         while edge != first:
             loop.append(edge)
             edge = step.pop(edge)
-        rim = edges[loop, 0]
-        loops.append((_length(vertices[rim]), rim))
+        loops += [(_length(vertices[rim]), rim) for rim in _simple(edges[loop, 0])]
     loops.sort(key=lambda entry: -entry[0])
     holes = []
     for number, (length, rim) in enumerate(loops, 1):
@@ -98,6 +97,25 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
         outer = area > _OUTER * piece_area[piece]
         holes.append(Hole(number, rim.astype(np.int32), length, area, center, piece, bool(outer)))
     return holes
+
+
+def _simple(loop: Array) -> list[Array]:
+    """Cut a closed loop wherever it comes back to a vertex."""
+    if len(np.unique(loop)) == len(loop):
+        return [loop]
+    out: list[Array] = []
+    path: list[int] = []
+    place: dict[int, int] = {}
+    for vertex in loop.tolist():
+        if vertex in place:
+            first = place[vertex]
+            out.append(np.array(path[first:]))
+            for left in path[first:]:
+                del place[left]
+            del path[first:]
+        place[vertex] = len(path)
+        path.append(vertex)
+    return [*out, np.array(path)]
 
 
 def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None = None) -> list[Hole]:

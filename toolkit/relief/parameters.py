@@ -83,7 +83,9 @@ def correlation(ground: Ground) -> tuple[Array, Array]:
     faces = ground.faces[measured[ground.faces].all(axis=1)]
     edges = directed_edges(faces)
     # Bins narrower than the scan's own steps would hold a few odd pairs only.
-    step = 0.5 * max(float(np.median(np.linalg.norm(ground.foot[edges[:, 0]] - ground.foot[edges[:, 1]], axis=1))), ground.spacing)
+    step = 0.5 * max(
+        float(np.median(np.linalg.norm(ground.foot[edges[:, 0]] - ground.foot[edges[:, 1]], axis=1))), ground.spacing
+    )
     lag, covariance = autocovariance(ground.foot[measured], height, step, 2 * _REACH)
     known = np.isfinite(covariance)
     return lag[known], covariance[known] / variance

@@ -15,6 +15,8 @@ Array = np.ndarray
 
 # A piece of the scan lies on the base where its median distance is within this many robust deviations of the whole.
 _ON_BASE = 4.0
+# More than this share of shape in what a base leaves, and it is no base for relief.
+_MOST_SHAPE = 0.5
 # A piece of a few triangles has no relief to give and would only pepper the base with islands.
 _SMALLEST_PIECE = 50
 
@@ -89,8 +91,8 @@ def list_holes(surface: Surface) -> list[Hole]:
 def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:
     """Return the base as given or fitted, or "smooth"; say in ``notes`` what was chosen and why.
 
-    "auto" takes the plane, cylinder or sphere that fits best; where none fits, or two fit equally well, and the scan encloses a hole,
-    the smoothed scan is the base.
+    "auto" takes the plane, cylinder or sphere that fits best; where none fits, two fit equally well, or most of what is left is shape
+    rather than relief, and the scan encloses a hole, the smoothed scan is the base.
 
     Raises
     ------
@@ -110,8 +112,14 @@ def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str
         return base
     fitted = fit_base(vertices[used_vertices(faces, len(vertices))], KINDS if base == "auto" else (base,))
     assert fitted.fit is not None
-    if base == "auto" and (fitted.fit.ambiguous or fitted.fit.poor) and not all(h.outer for h in find_holes(vertices, faces)):
-        why = "two kinds fit equally well" if fitted.fit.ambiguous else "no plane, cylinder or sphere carries the scan"
+    share = _shape_share(fitted, vertices[used_vertices(faces, len(vertices))])
+    unfit = fitted.fit.ambiguous or fitted.fit.poor or share > _MOST_SHAPE
+    if base == "auto" and unfit and not all(h.outer for h in find_holes(vertices, faces)):
+        why = "no plane, cylinder or sphere carries the scan"
+        if fitted.fit.ambiguous:
+            why = "two kinds fit equally well"
+        elif not fitted.fit.poor:
+            why = f"{share:.0%} of what a {fitted.kind} leaves is shape, in waves longer than a fifth of the scan"
         notes.append(f"base: the smoothed scan, since {why} ({fitted.fit.note})")
         return "smooth"
     if fitted.fit.ambiguous:
@@ -124,6 +132,21 @@ def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str
         )
     notes += [f"base fitted: {fitted.describe()}", fitted.fit.note]
     return fitted
+
+
+def _shape_share(base: Base, points: Array) -> float:
+    """Share of the variance of distances from ``base`` that lies in waves longer than a fifth of the scan: between cells of half that."""
+    distance = base.distance(points)
+    variance = float(distance.var())
+    low = points.min(axis=0)
+    cell = float(np.linalg.norm(points.max(axis=0) - low)) / 10
+    if variance <= (1e-6 * cell) ** 2:
+        return 0.0
+    _, own = np.unique(np.floor((points - low) / cell).astype(np.int64), axis=0, return_inverse=True)
+    own = own.reshape(-1)
+    count = np.bincount(own)
+    mean = np.bincount(own, distance) / count
+    return float((count * (mean - distance.mean()) ** 2).sum() / (len(points) * variance))
 
 
 def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tuple[Array, Array, str]:

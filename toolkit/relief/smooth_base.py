@@ -140,6 +140,9 @@ def fill_smoothly(
         patch_faces = np.where(patch_faces >= len(vertices), patch_faces + len(points) - len(vertices), patch_faces)
         points = np.concatenate([points, added])
         triangles.append(patch_faces)
+        # Holes may meet in vertices: no later one may make an edge that this one has made.
+        own_edges = unique_edges(patch_faces)
+        edges = np.union1d(edges, edge_keys(own_edges[(own_edges < len(vertices)).all(axis=1)], len(vertices)))
         count += 1
         if own:
             notes.append(f"{hole.describe()}: filled around {len(own)} pieces of the scan in it")
@@ -165,7 +168,7 @@ def _patch(vertices: Array, edges: Array, hole: Hole, islands: list[Hole], spaci
         local = np.searchsorted(rim, triangles)
     except RimError:
         # Every chord is an edge of the scan already: a few triangles about a vertex in the middle need none.
-        if islands or len(rim) < len(hole.loop):
+        if islands:
             raise
         ring = np.searchsorted(rim, hole.loop[::-1])
         local = np.stack([ring, np.roll(ring, -1), np.full(len(ring), len(rim))], axis=1)
