@@ -19,6 +19,8 @@ from intaglio.kernels.neighbourhoods import MISSING, Matches
 wp.set_module_options({"enable_backward": False})
 
 LISTED = 8
+vec8i = wp.types.vector(length=LISTED, dtype=wp.int32)
+vec8 = wp.types.vector(length=LISTED, dtype=wp.float32)
 _LISTED = wp.constant(LISTED)
 _STEPS = wp.constant(12)
 _CHANCES = wp.constant(8)
@@ -171,9 +173,12 @@ def search_kernel(
         s = wp.randi(state, 0, samples)
         q = wp.randi(state, 0, rotations)
         consider(value, weight, t, permutation, sample, s, q, factor, listed, cost)
-    starts = wp.vec3i(listed[t, 0], listed[t, 1], listed[t, 2])
-    costs = wp.vec3(cost[t, 0], cost[t, 1], cost[t, 2])
-    for i in range(3):
+    starts = vec8i()
+    costs = vec8()
+    for i in range(_LISTED):
+        starts[i] = listed[t, i]
+        costs[i] = cost[t, i]
+    for i in range(_LISTED):
         at = int(starts[i])
         if at >= 0:
             least = float(costs[i])

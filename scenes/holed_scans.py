@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh_reading import read_surface
-from intaglio.relief.pictures import clay_pictures, fixed_cameras, largest_filling, viewpoints
+from intaglio.relief.pictures import clay_pictures, fixed_cameras, largest_filling, shown, viewpoints
 from intaglio.relief.smooth_base import SmoothBase
 from intaglio.relief.thin_plate import smoothed
 from intaglio.scenes.common import SMOOTH, Result, options, real_data, run_scene
@@ -27,9 +27,13 @@ SCANS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "stone_lion": (
         "lion_takanawa_points/lion_mesh_colour_300k.ply",
         "Stone lion in colour",
-        {"color_weight": 0.3, "hole_size": (0.0, 4.0)},
+        {"color_weight": 0.3, "hole_size": (0.0, 1.6)},
     ),
-    "specimen": ("smithsonian_usnm_1145291/usnm_1145291.glb", "Museum specimen in colour", {"color_weight": 0.3}),
+    "specimen": (
+        "smithsonian_usnm_1145291/usnm_1145291.glb",
+        "Museum specimen in colour",
+        {"color_weight": 0.3, "hole_size": (0.0, 1.0)},
+    ),
 }
 
 
@@ -46,7 +50,7 @@ def without_relief(whole: Surface) -> Surface:
 def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:
     """Render the smooth filling from where the completion is seen, in clay."""
     cameras = fixed_cameras(whole, viewpoints(whole))
-    return {SMOOTH: clay_pictures(without_relief(whole), cameras, color=False)}
+    return {SMOOTH: clay_pictures(without_relief(whole).part(shown(whole, whole)), cameras, color=False)}
 
 
 def relief_energy(surface: Surface) -> float:

@@ -30,7 +30,7 @@ def main() -> None:
     """Print every table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default=None)
-    parser.add_argument("--sizes", default="1000,4000,16000,64000")
+    parser.add_argument("--sizes", default="1000,4000,16000,64000,250000")
     parser.add_argument("--skip-surface", action="store_true")
     parser.add_argument("--skip-golf", action="store_true")
     parser.add_argument("--one-size", type=int, help=argparse.SUPPRESS)
@@ -44,6 +44,7 @@ def main() -> None:
     papers_patterns(device)
     bark_size(device, args.skip_surface)
     matching(device)
+    recall(device)
     growth(device, [int(s) for s in args.sizes.split(",")])
     if not args.skip_golf:
         golf(device)
@@ -77,7 +78,7 @@ def warm_up(device: str) -> None:
     """Fill Warp's kernel cache, so that times below are warm."""
     scan, _ = on_cylinder(wave)
     for metric in ("displacement", "surface"):
-        intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, metric=metric, device=device)
+        intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, rotations=1, metric=metric, device=device)
 
 
 def papers_patterns(device: str) -> None:
@@ -94,7 +95,7 @@ def papers_patterns(device: str) -> None:
             for seed in range(1, 6):
                 noisy = with_noise(scan, base, noise, seed)
                 start = time.perf_counter()
-                whole = intaglio.complete_relief(noisy, base, 2, 0.1, extent=extent, seed=seed, device=device)
+                whole = intaglio.complete_relief(noisy, base, 2, 0.1, rotations=1, extent=extent, seed=seed, device=device)
                 times.append(time.perf_counter() - start)
                 relief = whole.relief
                 measured = relief[whole.measured].mean()
@@ -171,8 +172,8 @@ def matching(device: str) -> None:
 
 def growth(device: str, sizes: list[int]) -> None:
     """Time and peak memory over the number of vertices, half of them targets, each in a process of its own."""
-    print("growth: vertices, half of them targets, w = 5, R = 2")
-    print("  vertices  samples  targets  seconds  peak GiB  seconds x 1e9 / (samples x targets)")
+    print("growth: vertices, half of them targets, w = 7, R = 1, 3 refinement passes")
+    print("  vertices  samples  targets  seconds  peak GiB  microseconds per target  the same / log2(vertices)")
     for size in sizes:
         command = [sys.executable, "-m", "tests.benchmarks.relief", "--one-size", str(size), "--device", device]
         print(subprocess.run(command, capture_output=True, text=True, check=True).stdout, end="", flush=True)
@@ -186,12 +187,51 @@ def one_size(size: int, device: str) -> None:
     rows = round(size / around)
     scan = rough_tube(rows, around // 2, around)
     start = time.perf_counter()
-    whole = intaglio.complete_relief(scan, "cylinder", 5, rotations=2, oversample=False, device=device)
+    whole = intaglio.complete_relief(scan, "cylinder", 7, rotations=1, refine=3, oversample=False, device=device)
     seconds = time.perf_counter() - start
     measured, filled = int(whole.measured.sum()), int((~whole.measured).sum())
     peak = peak_memory()
-    share = 1e9 * seconds / (measured * filled)
-    print(f"  {measured + filled:8d} {measured:8d} {filled:8d} {seconds:8.2f} {peak:9.2f} {share:9.1f}")
+    share = 1e6 * seconds / filled
+    print(
+        f"  {measured + filled:8d} {measured:8d} {filled:8d} {seconds:8.2f} {peak:9.2f} {share:9.1f} "
+        f"{share / np.log2(measured + filled):9.1f}"
+    )
+
+
+def recall(device: str) -> None:
+    """What the approximate search finds of what the exhaustive one finds, and at what cost, on two scenes."""
+    print("approximate search against exhaustive: every eighth target of a grown surface, whole neighbourhoods")
+    from intaglio.relief.displacement_metric import DisplacementMetric
+    from intaglio.relief.prepare import prepare_ground
+    from intaglio.relief.propagate import Selection, grow_relief
+    from intaglio.relief.samples import sample_set
+    from intaglio.scenes.ball import ball
+    from intaglio.scenes.golf_ball import one_view
+
+    cases = [
+        ("golf ball", prepare_ground(one_view(ball(4, 7)), "sphere", spacing=0.62), 24, 9, True),
+        ("stochastic tube", prepare_ground(rough_tube(102, 126, 126 + 71), "cylinder"), 8, 7, False),
+    ]
+    best_match = Selection("near-best", 1.0, 10.0, np.inf)
+    for name, ground, rotations, window, oversample in cases:
+        samples = sample_set(ground, oversample)
+        rule = Selection("near-best", 1.1, 10.0, 0.5 * float(ground.height[ground.measured].var()))
+        metrics = [DisplacementMetric(ground, samples, window, rotations, device, approximate=a, seed=1) for a in (False, True)]
+        state = grow_relief(ground, metrics[1], window=window, selection=rule, seed=1).state
+        targets = np.flatnonzero(~ground.measured)[::8]
+        errors, times = [], []
+        for metric in metrics:
+            start = time.perf_counter()
+            picks = metric.pick(targets, np.full(len(targets), window), state, best_match, np.zeros(len(targets)))
+            times.append(time.perf_counter() - start)
+            errors.append(picks.error)
+        ratio = errors[1] / np.maximum(errors[0], 1e-30)
+        print(
+            f"  {name:16s} {len(samples.vertex) * rotations} candidates, {len(targets)} targets: {times[0]:.2f} s exhaustive, "
+            f"{times[1]:.2f} s approximate; same cost {np.mean(ratio < 1.0001):.0%}, within 10 % {np.mean(ratio < 1.1):.0%}, "
+            f"mean cost {errors[1].mean() / errors[0].mean():.3f} times"
+        )
+    print()
 
 
 def peak_memory() -> float:

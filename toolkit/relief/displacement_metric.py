@@ -24,7 +24,7 @@ Array = np.ndarray
 
 # Of an approximate search: candidates that are compared in full, how many of the best of them are gone on from, and how many
 # neighbours a sample has.
-_LANDMARKS, _BEST_LANDMARKS, _BESIDE = 12_000, 4, 8
+_LANDMARKS, _BEST_LANDMARKS, _BESIDE = 30_000, 8, 8
 # Landmarks within this many times the least cost are looked at.
 _LANDMARK_FACTOR = 1.6
 _STREAM_LANDMARKS = 4

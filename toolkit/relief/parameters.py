@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import diags_array
 
+from intaglio.randomness import uniform
 from intaglio.relief.prepare import Ground
 from intaglio.statistics import autocovariance
 from intaglio.surface import vertex_normals
@@ -22,6 +23,7 @@ _LEAST_WINDOW, _MOST_WINDOW = 4, 12
 # Share of directed slope from which relief counts as having one direction everywhere.
 _DIRECTED = 0.25
 _ROTATIONS = 12
+_STREAM_NOISE = 7
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,9 @@ def _window(ground: Ground) -> tuple[int, str]:
         return 7, "window 7: the scan has no relief to choose it by"
     below = np.flatnonzero(rho < np.exp(-1))
     length = float(lag[below[0]]) if len(below) else float(lag[-1])
-    # Means of three bins: a period shows as a maximum after the first minimum.
-    smooth = np.convolve(rho, np.ones(3) / 3, mode="same")
-    inner = np.arange(1, len(smooth) - 2)
+    # Means of neighbouring bins: a period shows as a maximum after the first minimum.
+    smooth = np.convolve(rho, np.array([1, 2, 3, 2, 1]) / 9, mode="same")
+    inner = np.arange(1, len(smooth) - 4)
     minima = inner[(smooth[inner] < smooth[inner - 1]) & (smooth[inner] <= smooth[inner + 1])]
     period = 0.0
     if len(minima):
@@ -118,9 +120,11 @@ def _window(ground: Ground) -> tuple[int, str]:
 
 
 def noise_variance(ground: Ground) -> float:
-    """Return the variance of a single vertex's height about its neighbours' mean, without what several share.
+    """Return the variance of a single vertex's height, without what it shares with its neighbours.
 
-    Robust (median absolute deviation), so that edges of relief count little; on relief as fine as the sampling this is an upper bound.
+    What each vertex stands off its neighbours' mean, and that once more, so that slopes and bends drop out; by how much the two steps enlarge
+    independent noise is tried on such. Robust (median absolute deviation), so that edges of relief count little; on relief as fine as the
+    sampling this is an upper bound.
     """
     graph = ground.topology.graph
     own = graph @ diags_array(ground.measured.astype(np.float32))
@@ -128,10 +132,17 @@ def noise_variance(ground: Ground) -> float:
     use = ground.measured & (degree >= 4)
     if not use.any():
         return 0.0
-    height = ground.height
-    difference = height[use] - (own @ height)[use] / degree[use]
-    spread = 1.4826 * float(np.median(np.abs(difference - np.median(difference))))
-    return spread**2 / (1 + 1 / float(degree[use].mean()))
+    share = np.where(degree > 0, 1 / np.maximum(degree, 1), 0.0)
+    inner = use & (own @ use.astype(np.float32) >= degree)
+    use = inner if inner.any() else use
+
+    def spread(values: Array) -> float:
+        off = values - share * (own @ values)
+        off = (off - share * (own @ off))[use]
+        return 1.4826 * float(np.median(np.abs(off - np.median(off))))
+
+    independent = np.sqrt(12.0) * (uniform(0, _STREAM_NOISE, np.arange(len(share))) - 0.5)
+    return float((spread(ground.height) / spread(independent)) ** 2)
 
 
 def _error(ground: Ground, variance: float) -> tuple[float, str]:

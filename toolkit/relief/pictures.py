@@ -49,6 +49,20 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     return [("the scanned side", front + lift, up), ("across the seam", side + lift, up), ("the completed side", back + lift, up)]
 
 
+def shown(surface: Surface, completed: Surface) -> Array:
+    """Return which vertices (N,) of ``surface`` belong into pictures of ``completed``.
+
+    All of them on a plane, cylinder or sphere. A hole in any other scan is small beside it, and something may stand before it: it is
+    shown with its surroundings alone.
+    """
+    if not isinstance(completed.model, SmoothBase):
+        return np.ones(len(surface.vertices), bool)
+    filled = completed.vertices[largest_filling(completed)]
+    center = filled.mean(axis=0)
+    reach = _SURROUNDINGS * float(np.linalg.norm(filled - center, axis=1).max())
+    return np.asarray(np.linalg.norm(surface.vertices - center, axis=1) <= reach)
+
+
 def largest_filling(surface: Surface) -> Array:
     """Return the vertices (K,) of the filled region that has most of them; all where nothing was filled."""
     filled = ~surface.measured
@@ -75,12 +89,7 @@ def _aboutlargest_filling(surface: Surface) -> list[tuple[str, Array, Array]]:
 def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) -> list[Camera]:
     """Return the cameras that see all of ``surface`` from the directions, to look at other surfaces from there too."""
     used = np.unique(surface.faces)
-    if isinstance(surface.model, SmoothBase):
-        # A hole is small beside a statue: it fills half of the picture, with what surrounds it.
-        filled = surface.vertices[largest_filling(surface)]
-        center = filled.mean(axis=0)
-        reach = _SURROUNDINGS * float(np.linalg.norm(filled - center, axis=1).max())
-        used = used[np.linalg.norm(surface.vertices[used] - center, axis=1) <= reach]
+    used = used[shown(surface, surface)[used]]
     return [frame(surface.vertices[used], direction, up=up, margin=1.05) for _, direction, up in directions]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from intaglio.html_page import listing, picture_row, write_page
 from intaglio.relief.assess import ReliefReport, assess_relief
-from intaglio.relief.pictures import clay_pictures, difference_pictures, fixed_cameras, provenance_pictures, viewpoints
+from intaglio.relief.pictures import clay_pictures, difference_pictures, fixed_cameras, provenance_pictures, shown, viewpoints
 from intaglio.render.compare import encode_srgb
 from intaglio.surface import Surface
 
@@ -85,6 +85,9 @@ def relief_pictures(
     cameras = fixed_cameras(surface, viewpoints(surface))
     shape = (size, size)
     rows: dict[str, list[Array]] = {}
+    seen = shown(surface, surface)
+    scan, truth = (None if s is None else s.part(shown(s, surface)) for s in (scan, truth))
+    surface = surface.part(seen)
     if scan is not None:
         rows[SCAN] = clay_pictures(scan, cameras, size=shape)
     rows[COMPLETED] = clay_pictures(surface, cameras, size=shape)
@@ -96,7 +99,7 @@ def relief_pictures(
     if report.truth is not None:
         spread = 2 * report.std_measured or 1.0
         heading = f"Difference from the truth: blue {-spread:.3g}, white 0, red {spread:+.3g}"
-        rows[heading] = difference_pictures(surface, report.truth.difference, cameras, limit=spread, size=shape)
+        rows[heading] = difference_pictures(surface, report.truth.difference[seen], cameras, limit=spread, size=shape)
     return rows
 
 
