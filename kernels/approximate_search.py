@@ -1,9 +1,9 @@
-"""Approximate matching of neighbourhoods: proposals from matched neighbours, landmarks and chance, then descent among the samples.
+"""Approximate matching of neighbourhoods: proposals, then descent among the samples.
 
-After PatchMatch (Barnes et al. 2009; 2010 with rotations) and coherent search (Ashikhmin 2001), on a surface: if a target's neighbour was
-matched to a sample, the sample beside that one, on the target's side, is a likely match. Landmarks, a part of the samples that
-`NeighbourhoodMatcher` compares in full, bring in what no neighbour knows. From the best few the search goes down to neighbouring samples as
-long as the cost falls.
+After PatchMatch (Barnes et al. 2009; 2010 with rotations) and coherent search (Ashikhmin 2001), on a surface: if a target's
+neighbour was matched to a sample, the sample beside that one, on the target's side, is a likely match. Landmarks, a part of the
+samples that `NeighbourhoodMatcher` compares in full, bring in what no neighbour knows. From the best few the search goes down
+to neighbouring samples as long as the cost falls.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from intaglio.kernels.neighbourhoods import MISSING, Matches
 wp.set_module_options({"enable_backward": False})
 
 LISTED = 8
-vec8i = wp.types.vector(length=LISTED, dtype=wp.int32)
-vec8 = wp.types.vector(length=LISTED, dtype=wp.float32)
+vec4i = wp.types.vector(length=4, dtype=wp.int32)
 _LISTED = wp.constant(LISTED)
 _STEPS = wp.constant(12)
 _CHANCES = wp.constant(8)
@@ -80,8 +79,12 @@ def consider(
             result = cost[t, i]
     if known == 0:
         bound = wp.min(cost[t, _LISTED - 1], factor * cost[t, 0])
-        result = bounded_cost(value, weight, t, permutation, sample, s, q, wp.min(bound, _VIABLE))
-        if result < bound and result < _VIABLE:
+        bound = wp.min(bound, _VIABLE)
+        result = bounded_cost(value, weight, t, permutation, sample, s, q, bound)
+        if result >= bound:
+            # Given up: the sum so far is no cost.
+            result = _NEVER
+        else:
             at = int(_LISTED - 1)
             while at > 0 and cost[t, wp.max(at - 1, 0)] > result:
                 cost[t, at] = cost[t, at - 1]
@@ -90,6 +93,49 @@ def consider(
             cost[t, at] = result
             listed[t, at] = candidate
     return result
+
+
+@wp.func
+def descend(
+    value: wp.array2d(dtype=float),
+    weight: wp.array2d(dtype=float),
+    t: int,
+    permutation: wp.array2d(dtype=wp.int32),
+    sample: wp.array2d(dtype=float),
+    beside: wp.array2d(dtype=wp.int32),
+    candidate: int,
+    factor: float,
+    listed: wp.array2d(dtype=wp.int32),
+    cost: wp.array2d(dtype=float),
+):
+    """Go from one candidate to the best of its neighbours, beside it and turned by one step, as long as the cost falls."""
+    samples = sample.shape[0]
+    rotations = permutation.shape[0]
+    at = int(candidate)
+    least = bounded_cost(value, weight, t, permutation, sample, at % samples, at / samples, _VIABLE)
+    step = int(0)
+    while step < _STEPS:
+        s = at % samples
+        q = at / samples
+        lower = int(-1)
+        for j in range(beside.shape[1]):
+            other = bounded_cost(value, weight, t, permutation, sample, beside[s, j], q, least)
+            if other < least:
+                least = other
+                lower = q * samples + beside[s, j]
+        if rotations > 1:
+            for side in range(2):
+                r = (q + 1 + side * (rotations - 2)) % rotations
+                other = bounded_cost(value, weight, t, permutation, sample, s, r, least)
+                if other < least:
+                    least = other
+                    lower = r * samples + s
+        if lower < 0:
+            step = _STEPS
+        else:
+            at = lower
+        step = step + 1
+    consider(value, weight, t, permutation, sample, at % samples, at / samples, factor, listed, cost)
 
 
 @wp.func
@@ -173,37 +219,14 @@ def search_kernel(
         s = wp.randi(state, 0, samples)
         q = wp.randi(state, 0, rotations)
         consider(value, weight, t, permutation, sample, s, q, factor, listed, cost)
-    starts = vec8i()
-    costs = vec8()
-    for i in range(_LISTED):
-        starts[i] = listed[t, i]
-        costs[i] = cost[t, i]
-    for i in range(_LISTED):
-        at = int(starts[i])
-        if at >= 0:
-            least = float(costs[i])
-            step = int(0)
-            while step < _STEPS:
-                s = at % samples
-                q = at / samples
-                lower = int(-1)
-                for j in range(beside.shape[1]):
-                    other = consider(value, weight, t, permutation, sample, beside[s, j], q, factor, listed, cost)
-                    if other < least:
-                        least = other
-                        lower = q * samples + beside[s, j]
-                if rotations > 1:
-                    for side in range(2):
-                        r = (q + 1 + side * (rotations - 2)) % rotations
-                        other = consider(value, weight, t, permutation, sample, s, r, factor, listed, cost)
-                        if other < least:
-                            least = other
-                            lower = r * samples + s
-                if lower < 0:
-                    step = _STEPS
-                else:
-                    at = lower
-                step = step + 1
+    # Down from the landmarks, each in its own basin, and from the best that has been met by now.
+    for i in range(landmarks.shape[1]):
+        if landmarks[t, i] >= 0:
+            descend(value, weight, t, permutation, sample, beside, landmarks[t, i], factor, listed, cost)
+    starts = vec4i(listed[t, 0], listed[t, 1], listed[t, 2], listed[t, 3])
+    for i in range(4):
+        if starts[i] >= 0:
+            descend(value, weight, t, permutation, sample, beside, starts[i], factor, listed, cost)
 
 
 @dataclass(frozen=True)

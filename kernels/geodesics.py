@@ -14,7 +14,8 @@ from intaglio.kernels.location import barycentric
 
 wp.set_module_options({"enable_backward": False})
 
-_MOST_CROSSINGS = wp.constant(256)
+# Ends a walk that rounding keeps turning about a vertex; any real one is over long before.
+_MOST_CROSSINGS = wp.constant(1_000_000)
 
 
 @wp.func
@@ -45,7 +46,7 @@ def trace_kernel(
     b0 = barycentric(foot[i], points[faces[origin_face, 0]], points[faces[origin_face, 1]], points[faces[origin_face, 2]])
     # The foot is put into its triangle: normals of base and facet differ a little.
     b0 = wp.vec3(wp.max(b0[0], 0.0), wp.max(b0[1], 0.0), wp.max(b0[2], 0.0))
-    b0 = b0 / (b0[0] + b0[1] + b0[2])
+    b0 = b0 / wp.max(b0[0] + b0[1] + b0[2], 1.0e-12)
     n0 = face_normal(points, faces, origin_face)
     for k in range(offsets.shape[0]):
         g = offsets[k]
@@ -57,8 +58,10 @@ def trace_kernel(
         entered = int(-1)
         found = int(-1)
         step = int(0)
-        if left == 0.0:
+        if left == 0.0 and wp.length_sq(n0) > 0.0:
             found = at
+        if wp.length_sq(n0) == 0.0:
+            at = -1
         while found < 0 and at >= 0 and step < _MOST_CROSSINGS:
             p0 = points[faces[at, 0]]
             p1 = points[faces[at, 1]]

@@ -222,7 +222,7 @@ class GridLocator:
         foot, u, v : (M, 3) arrays
             Grid centres and tangent vectors.
         first_face : (M,) array
-            A triangle at or near each centre; for kind 3 one that it lies in or is a corner of.
+            A triangle at or near each centre.
         offsets : (G, 2) array
             Grid points along u and v, in length units.
         reach : float

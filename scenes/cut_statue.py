@@ -1,4 +1,4 @@
-"""A hole cut into a watertight statue, whose true surface is known: relief over a smooth base against the truth and a smooth filling."""
+"""A hole cut into a watertight statue: relief over a smooth base beside the truth and a smooth filling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real scans with holes on no simple base, filled with relief over their own smoothed surface; beside it what a smooth filling gives."""
+"""Holes of real scans filled with relief over their own smoothed surface, beside what a smooth filling gives."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SCANS: dict[str, tuple[str, str, dict[str, Any]]] = {
 
 
 def without_relief(whole: Surface) -> Surface:
-    """Return the completion with the filled part as mesh programs leave it: the biharmonic surface that joins the scan smoothly."""
+    """Return the completion with its filled part as mesh programs leave it: biharmonic, joining the scan smoothly."""
     assert isinstance(whole.model, SmoothBase)
     filled = ~whole.measured
     vertices = smoothed(

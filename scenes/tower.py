@@ -1,4 +1,4 @@
-"""A leaning tower's relief: storeys of arches and windows on a cylinder, with a hole in it (paper 000, figures 10 and 8; paper 001, figure 8)."""
+"""Storeys of arched windows on a tower, with a hole in them (paper 001, figure 12)."""
 
 from __future__ import annotations
 

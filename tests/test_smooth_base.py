@@ -12,9 +12,14 @@ from intaglio import Surface
 from intaglio.kernels.geodesics import nearest_on_mesh, trace
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.polygons import least_area_triangles
+from intaglio.relief import thin_plate
+from intaglio.relief.displacement_metric import DisplacementMetric
 from intaglio.relief.holes import choose_holes, find_holes
 from intaglio.relief.patches import refined, triangulated_rim
 from intaglio.relief.prepare import prepare_ground
+from intaglio.relief.propagate import State
+from intaglio.relief.refine import _references
+from intaglio.relief.samples import sample_set
 from intaglio.relief.thin_plate import smoothed
 from intaglio.topology import Topology, border_edges, directed_edges, edge_keys, unique_edges
 
@@ -94,8 +99,8 @@ def test_geodesics_on_a_folded_plane_are_straight_when_unfolded(device):
     topology = Topology.of(faces.astype(np.int32), len(vertices))
     offsets = polar_grid(6, 4)[0]
     face, weight = trace(
-        folded[[start]], np.array([[1.0, 0, 0]]), np.array([[0, 1.0, 0]]), topology.incident[topology.face_offsets[[start]]], offsets,
-        wp.array(folded.astype(np.float32), dtype=wp.vec3, device=device),
+        folded[[start]], np.array([[1.0, 0, 0]]), np.array([[0, 1.0, 0]]), topology.incident[topology.face_offsets[[start]]],
+        offsets, wp.array(folded.astype(np.float32), dtype=wp.vec3, device=device),
         wp.array(faces.astype(np.int32), dtype=wp.int32, ndim=2, device=device),
         wp.array(topology.across, dtype=wp.int32, ndim=2, device=device), device,
     )  # fmt: skip
@@ -160,6 +165,19 @@ def test_smoothing_damps_a_wave_by_the_stated_factor():
         inner = (np.abs(vertices[:, :2] - 39.5) < 20).all(axis=1)
         gain = (out @ (height * inner)) / (height @ (height * inner))
         assert gain == pytest.approx(1 / (1 + (20.0 / wave) ** 4), abs=0.03)
+
+
+def test_conjugate_gradients_agree_with_the_direct_solution(monkeypatch):
+    vertices, faces = flat(60)
+    rng = np.random.default_rng(0)
+    values = np.stack([5 * np.sin(vertices[:, 0] / 9) + rng.normal(0, 0.3, len(vertices)), vertices[:, 1]], axis=1)
+    hole = (np.abs(vertices[:, :2] - 30) < 9).all(axis=1)
+    for length, weight in ((6.0, None), (60.0, None), (15.0, 1.0 - hole)):
+        direct = smoothed(values, vertices, faces, length, weight=weight)
+        monkeypatch.setattr(thin_plate, "DIRECT", 10)
+        iterated = smoothed(values, vertices, faces, length, weight=weight)
+        monkeypatch.undo()
+        np.testing.assert_allclose(iterated, direct, atol=2e-4)
 
 
 def test_a_made_up_part_is_biharmonic_and_keeps_planes():
@@ -343,6 +361,60 @@ def test_a_hole_larger_than_the_scan_is_left_open_unless_asked():
         intaglio.complete_relief(cap, "smooth")
     whole = intaglio.complete_relief(cap, "smooth", holes="every", rotations=1, window=4)
     assert is_closed_and_manifold(whole.faces)
+
+
+def test_samples_grids_are_centred_on_the_samples():
+    vertices, faces = ball(4, rough=0.3)
+    ground = prepare_ground(punched(vertices, faces, ((0, 0, 10), 4.0)), "smooth")
+    for oversample in (False, True):
+        samples = sample_set(ground, oversample)
+        metric = DisplacementMetric(ground, samples, 3, 1, "cpu")
+        held = metric._value[:, 0] * metric._scale + metric._levels[0]
+        np.testing.assert_allclose(held, samples.height, atol=2e-3 * ground.height.std() + 1e-4)
+
+
+def test_a_slit_one_vertex_wide_is_one_hole():
+    vertices, faces = flat(24)
+    rough = vertices + np.random.default_rng(0).normal(0, 0.1, (len(vertices), 1)) * (0, 0, 1.0)
+    inside = (np.abs(vertices[:, 1] - 12) < 0.9) & (np.abs(vertices[:, 0] - 12) < 7)
+    ground = prepare_ground(Surface(vertices=rough, faces=faces).part(~inside), "smooth")
+    count = len(ground.measured)
+    state = State(
+        ground.height, np.ones(count, bool), np.zeros(count, int), np.zeros(count), np.zeros(count), None, np.zeros(count)
+    )
+    assert len(_references(ground, state, np.flatnonzero(~ground.measured))) == 1
+
+
+def test_a_closed_scan_with_a_stray_triangle_has_nothing_to_fill():
+    vertices, faces = ball(3)
+    stray = np.array([[20.0, 0, 0], [21, 0, 0], [20, 1, 0]])
+    scan = Surface(
+        vertices=np.concatenate([vertices, stray]), faces=np.concatenate([faces, len(vertices) + np.array([[0, 1, 2]])])
+    )
+    with pytest.raises(intaglio.InputError, match="nothing is missing"):
+        intaglio.complete_relief(scan, "smooth")
+
+
+def test_a_flap_on_one_vertex_and_holes_that_meet_stay_manifold():
+    vertices, faces = flat(40)
+    middle = vertices[faces].mean(axis=1)
+    hole = (np.abs(middle[:, :2] - 20) < 9).all(axis=1)
+    flap = (middle[:, 0] > 11) & (middle[:, 0] < 17) & (middle[:, 1] > 11) & (middle[:, 1] < 17)
+    scan = Surface(vertices=vertices, faces=faces[~hole | flap])
+    pair = faces[~((np.abs(middle[:, :2] - 10) < 2).all(axis=1) | (np.abs(middle[:, :2] - 14) < 2).all(axis=1))]
+    for surface in (scan, Surface(vertices=vertices, faces=pair)):
+        ground = prepare_ground(surface, "smooth")
+        times = np.unique(np.sort(directed_edges(ground.faces), axis=1), axis=0, return_counts=True)[1]
+        assert times.max() <= 2
+
+
+def test_a_sharp_rim_leaves_no_gap():
+    vertices, faces = ball(4)
+    bowl = Surface(vertices=vertices, faces=faces).part(vertices[:, 2] < -2)
+    ground = prepare_ground(bowl, "smooth", holes="every")
+    scan, filling = (f for f in np.split(ground.faces, [len(bowl.faces)]))
+    longest = [np.linalg.norm(ground.vertices[f] - ground.vertices[np.roll(f, 1, axis=1)], axis=2).max() for f in (scan, filling)]
+    assert longest[1] < 2.5 * longest[0]
 
 
 def test_edge_keys_of_patches_never_meet_the_scans():

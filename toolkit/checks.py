@@ -37,8 +37,9 @@ def checked_choice(name: str, value: str, known: Sequence[str]) -> str:
 
 def checked_positive(name: str, value: float) -> float:
     """Return ``value`` as a float, or raise `InputError` if it is not a finite number above 0."""
-    number = checked_number(name, value, 0) if isinstance(value, int | float | np.integer | np.floating) else None
-    if number is None or number == 0 or isinstance(value, bool):
+    wrong = isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating)
+    number = np.nan if wrong else float(value)
+    if not 0 < number < np.inf:
         raise InputError(f"{name} must be a number above 0, not {value!r}")
     return number
 

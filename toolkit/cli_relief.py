@@ -29,7 +29,7 @@ from intaglio.progress import ProgressBar
 @click.option("--extent", type=Extent(), default=None, help="whole, rectangle, holes, or numbers (low,high or u0,u1,v0,v1).")
 @click.option("--holes", type=HoleChoice(), default=None, help="all (default), largest, every, or numbers; list: show and stop.")
 @click.option("--hole-size", type=Numbers(2), default=None, help="low,high: only holes whose rim is so long.")
-@click.option("--relief-scale", type=float, default=None, help="Smooth base: longer waves are shape; default 20 spacings.")
+@click.option("--relief-scale", type=float, default=None, help="Smooth base: longer waves are shape; default 12 spacings.")
 @click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default from the relief.")
 @click.option("--error", type=float, default=None, help="Largest accepted mean squared distance; default from the noise.")
 @click.option("--rotations", type=int, default=None, help="Rotations tried; default 1 where relief has a direction, else 12.")
@@ -70,8 +70,10 @@ def complete(
     """
     check_readable(scan)
     if settings["holes"] == "list":
+        low, high = settings["hole_size"] or (0.0, float("inf"))
         for hole in intaglio.list_holes(intaglio.read_surface(scan, view=view, repair=repair)):
-            click.echo(hole.describe())
+            if low <= hole.length <= high:
+                click.echo(hole.describe())
         return
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")

@@ -95,13 +95,45 @@ def _from_trimesh(mesh: Any, path: Path, view: Sequence[float] | None) -> Surfac
                 "holds points but no faces; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
             )
         return surface_from_points(vertices, np.asarray(view, np.float64), color=color)
-    return Surface(vertices=vertices, faces=faces, color=color)
+    return Surface(vertices=vertices, faces=faces, color=color, notes=_missing_texture(mesh, path))
+
+
+def _picture(visual: Any) -> Any:
+    """The picture of a textured mesh's material, or None."""
+    material = getattr(visual, "material", None)
+    return getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+
+
+def _missing_texture(mesh: Any, path: Path) -> tuple[str, ...]:
+    """A note about a textured mesh whose picture was not found, naming the file that is missing where that is known."""
+    visual = getattr(mesh, "visual", None)
+    if getattr(visual, "kind", None) != "texture" or getattr(visual, "uv", None) is None or _picture(visual) is not None:
+        return ()
+    missing = []
+    if path.suffix.lower() == ".obj":
+        named = _named_files(path, "mtllib")
+        missing = [n for n in named if not (path.parent / n).exists()]
+        for library in named:
+            if library not in missing:
+                pictures = _named_files(path.parent / library, "map_Kd")
+                missing += [n for n in pictures if not (path.parent / library).parent.joinpath(n).exists()]
+    what = f": {', '.join(missing)} not found" if missing else ""
+    return (f"the mesh has texture coordinates but no picture{what}; it is read without colours",)
+
+
+def _named_files(path: Path, keyword: str) -> list[str]:
+    """Files that the lines of a text file beginning with ``keyword`` name."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        lines = [line.split(maxsplit=1) for line in file if line.lower().startswith(keyword.lower())]
+    return [words[1].strip().replace("\\", "/") for words in lines if len(words) == 2]
 
 
 def vertex_colors(mesh: Any, count: int) -> Array | None:
     """Vertex colours as linear floats, if the file has them; a texture is sampled at the vertices."""
     visual: Any = getattr(mesh, "visual", None)
     if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
+        if _picture(visual) is None:
+            return None
         visual = visual.to_color()
     colors = None
     if getattr(visual, "kind", None) == "vertex" or (visual is not None and hasattr(visual, "vertex_colors")):
@@ -132,6 +164,7 @@ def _read_ply(path: Path, view: Sequence[float] | None) -> Surface:
     if "range_grid" in raw:
         return _from_range_grid(mesh, raw["range_grid"], path, view)
     _check_counts(mesh, raw)
+    _check_colors(vertex)
     names = set(_field_names(vertex))
     if not {"base_x", "measured", "source"} <= names or not any("intaglio" in c for c in comments):
         return _from_trimesh(mesh, path, view)
@@ -141,6 +174,19 @@ def _read_ply(path: Path, view: Sequence[float] | None) -> Surface:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"Intaglio's own properties in it are damaged ({type(error).__name__}: {error})") from error
+
+
+def _check_colors(vertex: Any) -> None:
+    """Raise `InputError` for colours that are not finite: as bytes they would turn black unseen."""
+    for name in ("red", "green", "blue"):
+        if name in _field_names(vertex):
+            values = np.asarray(vertex[name]).reshape(-1)
+            if values.dtype.kind == "f" and not np.isfinite(values).all():
+                bad = np.flatnonzero(~np.isfinite(values))
+                raise InputError(
+                    f"{len(bad)} vertices have a {name} that is not finite, the first is vertex {bad[0]}: leave these vertices "
+                    "out, or the colours"
+                )
 
 
 def _check_counts(mesh: Any, raw: dict[str, Any]) -> None:

@@ -11,6 +11,8 @@ from intaglio.topology import unique_edges
 
 Array = np.ndarray
 
+# Pairs that are looked at in one part, at most.
+_PAIRS_AT_ONCE = 20_000_000
 _PAIR_POINTS = 2500
 _SEAM_RINGS = 10
 
@@ -49,13 +51,17 @@ def autocovariance(points: Array, values: Array, step: float, bins: int) -> tupl
     """
     take = np.unique(np.linspace(0, len(points) - 1, min(len(points), _PAIR_POINTS)).astype(int))
     centered = values - values.mean()
-    tree, all_points = cKDTree(points[take]), cKDTree(points)
+    all_points = cKDTree(points)
     total, count = np.zeros(bins), np.zeros(bins)
-    pairs = tree.sparse_distance_matrix(all_points, bins * step, output_type="coo_matrix")
-    at = np.minimum((pairs.data / step).astype(int), bins - 1)
-    product = centered[take][pairs.row] * centered[pairs.col]
-    total += np.bincount(at, product, bins)
-    count += np.bincount(at, minlength=bins)
+    # In parts, so that a scan much denser than the step needs no more memory.
+    per_part = max(1, _PAIRS_AT_ONCE // len(points))
+    for first in range(0, len(take), per_part):
+        part = take[first : first + per_part]
+        pairs = cKDTree(points[part]).sparse_distance_matrix(all_points, bins * step, output_type="coo_matrix")
+        at = np.minimum((pairs.data / step).astype(int), bins - 1)
+        product = centered[part][pairs.row] * centered[pairs.col]
+        total += np.bincount(at, product, bins)
+        count += np.bincount(at, minlength=bins)
     covariance = np.divide(total, count, out=np.full(bins, np.nan), where=count > 0)
     return (np.arange(bins) + 0.5) * step, covariance
 

@@ -138,6 +138,23 @@ class Topology:
         )
 
 
+def largest_faces(faces: Array, points: Array) -> Array:
+    """Return the largest face at every vertex, (N,): one with an area, if there is any; 0 where no face is.
+
+    Parameters
+    ----------
+    faces : (F, 3) int array
+    points : (N, 3) array
+    """
+    corners = points[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    order = np.argsort(area, kind="stable")
+    largest = np.zeros(len(points), np.int32)
+    # The last of several numbers for one vertex stands.
+    largest[faces[order].reshape(-1)] = np.repeat(order, 3)
+    return largest
+
+
 def adjacency(faces: Array, count: int) -> csr_array:
     """Return the symmetric vertex adjacency as a sparse matrix of ones with sorted indices."""
     e = unique_edges(faces)

@@ -19,7 +19,7 @@ def check_surface(surface: Surface) -> None:
     if made_up:
         raise InputError(
             f"the surface holds {made_up} vertices that were filled, not measured: they can't serve as measurements; "
-            "complete the scan itself, or surface.part(surface.measured)"
+            "complete the scan itself"
         )
 
 
@@ -33,6 +33,7 @@ def check_combination(
     selection: str,
     search: str,
     frames: str | None,
+    memory: float | None,
 ) -> None:
     """Refuse what can't be had together."""
     if metric == "surface":
@@ -41,6 +42,7 @@ def check_combination(
             ("levels", levels > 1),
             ("color_weight", color_weight is not None),
             ("search='approximate'", search == "approximate"),
+            ("memory", memory is not None),
         ):
             if asked:
                 raise InputError(f"{name} works with metric='displacement'; leave it out or change the metric")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from intaglio.checks import checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.location import polar_grid
@@ -24,7 +25,7 @@ from intaglio.relief.prepare import Ground, prepare_ground
 from intaglio.relief.propagate import Growth, Metric, grow_relief
 from intaglio.relief.refine import refine_relief
 from intaglio.relief.rim import shift_to_rim
-from intaglio.relief.samples import sample_set
+from intaglio.relief.samples import Samples, sample_set
 from intaglio.relief.smooth_base import SmoothBase
 from intaglio.relief.surface_metric import SurfaceMetric
 from intaglio.surface import Surface
@@ -89,7 +90,7 @@ def complete_relief(
     error : float, optional
         e: a match is accepted below this weighted mean squared distance, in squared input units; default
         from the noise, between a tenth and a half of the variance of what is compared. Rises by 10 % whenever no target can be
-        filled.
+        filled. With several levels the difference in coarse relief counts in a match's distance as well.
     rotations : int, optional
         R: every sample is tried at R rotations about its normal. 0 or 1 for none, as suits relief with a direction; more
         for isotropic relief. Default 1 where the relief has a direction, else 12.
@@ -138,7 +139,7 @@ def complete_relief(
     hole_size : (low, high), optional
         With a smooth base: only holes whose rim is so long, in the input's unit.
     relief_scale : float, optional
-        With a smooth base: the wave length, in the input's unit, below which the surface is relief; default 20 spacings.
+        With a smooth base: the wave length, in the input's unit, below which the surface is relief; default 12 spacings.
     memory : float, optional
         Most memory of the process, in GiB: tables are made in chunks and samples thinned to fit.
 
@@ -184,8 +185,17 @@ def complete_relief(
     if progress is not None and not callable(progress):
         raise InputError(f"progress must be callable, not {type(progress).__name__}")
     check_combination(
-        levels, color_weight, refine, metric, bootstrap=bootstrap, selection=selection, search=search, frames=frames
+        levels,
+        color_weight,
+        refine,
+        metric,
+        bootstrap=bootstrap,
+        selection=selection,
+        search=search,
+        frames=frames,
+        memory=memory,
     )
+    memory = None if memory is None else checked_positive("memory", memory)
     chosen_device = device_or_error(device)
     if engine == "blas" and not chosen_device.startswith("cpu"):
         raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
@@ -202,7 +212,8 @@ def complete_relief(
     relief = ground.height[ground.measured]
     variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
     rule = checked_selection(selection, factor, eta, error)
-    chosen = choose_parameters(ground, window, error, rotations, variance)
+    chosen = choose_parameters(ground, window, error, rotations, variance, 1 - comparison.color_weight)
+    turned = rotations is None and frames == "relief"
     window, rotations = chosen.window, chosen.rotations
     rule = replace(rule, error=chosen.error)
     notes = chosen.notes
@@ -216,6 +227,9 @@ def complete_relief(
         if frames == "relief":
             u, v = frames_along(ground, guide)
             ground = replace(ground, u=u, v=v)
+            if turned:
+                notes += ("rotations 1 at the finest level: frames lie along the coarser relief",)
+                rotations = 1
     if oversample is None:
         oversample = not ground.regular and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
     samples = sample_set(ground, oversample)
@@ -246,7 +260,7 @@ def complete_relief(
         passes = refine_relief(ground, matcher, growth.state, window=window, passes=refine, seed=seed, progress=progress)
     settings: tuple[str, ...] = (
         f"window {window} (reach {window * ground.spacing:.6g}), rotations {rotations}, metric {metric}, order {order}, "
-        f"{len(samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
+        f"{len(matcher.samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
         f"grown in {growth.waves} lists; error bound {rule.error:.6g} at first, {growth.threshold:.6g} at last; "
         f"{growth.shrunk} windows shrunk" + (f"; {passes} refinement passes" if passes else ""),
     )
@@ -254,7 +268,7 @@ def complete_relief(
         settings += ("the scan has no relief over its base: what was filled is the smooth surface",)
     if growth.orphans:
         settings += (f"{growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-    return _completed(ground, growth, notes + settings)
+    return _completed(ground, growth, matcher.samples, notes + settings)
 
 
 def _coarser(ground: Ground, ground_at: Callable[..., Ground]) -> Callable[[float], Ground]:
@@ -270,13 +284,13 @@ def _search(search: str, bootstrap: bool, selection: str) -> str:
     return "exhaustive" if search == "auto" and (bootstrap or selection == "best-percent") else search
 
 
-def _completed(ground: Ground, growth: Growth, notes: tuple[str, ...]) -> Surface:
+def _completed(ground: Ground, growth: Growth, samples: Samples, notes: tuple[str, ...]) -> Surface:
     state = growth.state
     vertices = ground.vertices.copy()
     filled = state.textured & ~ground.measured
     foot, model = ground.foot, ground.base
     if isinstance(model, SmoothBase):
-        foot = foot + shift_to_rim(ground, state)[:, None] * ground.normal
+        foot = foot + shift_to_rim(ground, state, samples)[:, None] * ground.normal
         model = replace(model, vertices=foot)
     vertices[filled] = foot[filled] + state.height[filled, None] * ground.normal[filled]
     return Surface(

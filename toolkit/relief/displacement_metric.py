@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from intaglio.errors import InputError
 from intaglio.kernels.approximate_search import ApproximateSearch, Patchwork
 from intaglio.kernels.geodesics import trace
+from intaglio.kernels.launch import threads
 from intaglio.kernels.location import GridLocator, polar_grid
 from intaglio.kernels.neighbourhoods import Matches, NeighbourhoodMatcher
 from intaglio.randomness import uniform
@@ -19,14 +20,15 @@ from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Picks, Selection, State, choose_near_best
 from intaglio.relief.samples import Samples, filled_sample_set
 from intaglio.relief.smooth_base import SmoothBase
+from intaglio.topology import largest_faces
 
 Array = np.ndarray
 
 # Of an approximate search: candidates that are compared in full, how many of the best of them are gone on from, and how many
 # neighbours a sample has.
-_LANDMARKS, _BEST_LANDMARKS, _BESIDE = 30_000, 8, 8
+_LANDMARKS, _BEST_LANDMARKS, _BESIDE = 30_000, 32, 8
 # Landmarks within this many times the least cost are looked at.
-_LANDMARK_FACTOR = 1.6
+_LANDMARK_FACTOR = 3.0
 _STREAM_LANDMARKS = 4
 # Vertices whose grids are located, or read, at a time.
 _AT_ONCE = 32_768
@@ -107,6 +109,8 @@ class DisplacementMetric:
         spread = float(known_height.std())
         self._scale = spread if spread > 1e-12 * max(ground.spacing, 1e-300) else 1.0
         self._levels = [float(v[ground.measured].mean()) for v in self._comparison.values(ground.height, ground.color)]
+        self._face_at = largest_faces(ground.faces, ground.foot)
+        self._everything = self._textured(np.ones(len(ground.measured), bool))
         self._targets = np.flatnonzero(~ground.measured)
         self._row = np.full(len(ground.measured), -1)
         self._row[self._targets] = np.arange(len(self._targets))
@@ -170,12 +174,13 @@ class DisplacementMetric:
         channels = 4 if self._comparison.color_weight > 0 else 1
         total = np.zeros((channels, len(ground.measured)))
         norm = np.zeros(len(ground.measured))
+        held = None if self._target_grid is None else [array.numpy() for array in self._target_grid]
         # In blocks of a bounded size; bincount adds in index order, so the sums have the same bits every time.
         for first in range(0, len(targets), _VOTES_AT_ONCE):
             part = slice(first, first + _VOTES_AT_ONCE)
-            grid_rows, (face, weight) = self._grids(targets[part])
-            grid_at = grid_rows[:, None], inside[None, :]
-            f, b = face.numpy()[grid_at], weight.numpy()[grid_at]
+            face, weight = [array.numpy() for array in self._locate_vertices(targets[part])] if held is None else held
+            grid_rows = np.arange(len(targets[part])) if held is None else self._row[targets[part]]
+            f, b = (array[grid_rows[:, None], inside[None, :]] for array in (face, weight))
             at = self._permutation[turn[part]][:, inside]
             own = sample[part][:, None]
             known = (self._known[own, at] > 0) & (f >= 0)
@@ -270,9 +275,11 @@ class DisplacementMetric:
         """Choose the samples that are compared in full, and set up the search from them."""
         samples = self.samples
         foot = (samples.foot - self._center) / self._ground.spacing
-        nearest = cKDTree(foot).query(foot, k=min(_BESIDE + 1, len(foot)), workers=-1)[1]
+        # Never itself; a single sample has none beside it but itself.
+        beside = list(range(2, min(_BESIDE + 1, len(foot)) + 1)) or [1]
+        nearest = cKDTree(foot).query(foot, k=beside, workers=threads())[1]
         self._search = ApproximateSearch(
-            self._value, self._known, self._turns, nearest[:, 1:], foot, samples.u, samples.v, self.device
+            self._value, self._known, self._turns, nearest, foot, samples.u, samples.v, self.device
         )  # fmt: skip
         # Samples with an incomplete grid can match few targets: they are reached from their neighbours.
         whole = np.flatnonzero(self._known.all(axis=1))
@@ -291,8 +298,7 @@ class DisplacementMetric:
 
     def _locate_vertices(self, vertices: Array) -> tuple[wp.array, wp.array]:
         ground = self._ground
-        first = ground.topology.incident[ground.topology.face_offsets[vertices]]
-        return self._locate(ground.foot[vertices], ground.u[vertices], ground.v[vertices], first)
+        return self._locate(ground.foot[vertices], ground.u[vertices], ground.v[vertices], self._face_at[vertices])
 
     def _locate(self, foot: Array, u: Array, v: Array, first_face: Array) -> tuple[wp.array, wp.array]:
         unit_foot = (foot - self._center) / self._ground.spacing
@@ -307,10 +313,6 @@ class DisplacementMetric:
             wp.array(((value - level) * (factor / self._scale)).astype(np.float32), dtype=float, device=self.device)
             for value, level, (factor, _) in zip(self._comparison.values(height, color), self._levels, self._factors, strict=True)
         ]
-
-    @property
-    def _everything(self) -> wp.array:
-        return self._textured(np.ones(len(self._ground.measured), bool))
 
     def _textured(self, textured: Array) -> wp.array:
         return wp.array(textured.astype(np.uint8), dtype=wp.uint8, device=self.device)

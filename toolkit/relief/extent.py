@@ -49,9 +49,9 @@ def sampling_distance(feet: Array, faces: Array, median: bool = False) -> tuple[
 
     Paper 000, section 4: the minimum edge length bounds the highest frequency that the capture holds, so targets at that
     distance don't alias. A single tiny edge (a scanner's glitch, a decimator's sliver) would demand millions of them:
-    the 5 % quantile of the edge lengths on the base stands for the minimum, and at least half the median. With ``median`` it is the
-    median: where the scan's own triangles are of many sizes, targets much finer than most of them would copy single vertices side by
-    side, which is rougher than the scan.
+    the 5 % quantile of the edge lengths on the base stands for the minimum, and at least half the median. With ``median`` it is
+    the median: where the scan's own triangles are of many sizes, targets much finer than most of them would copy single
+    vertices side by side, which is rougher than the scan.
     """
     e = directed_edges(faces)
     length = np.linalg.norm(feet[e[:, 0]] - feet[e[:, 1]], axis=1)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from intaglio.errors import InputError
-from intaglio.topology import directed_edges, following, opposite_edges, pieces
+from intaglio.topology import directed_edges, following, opposite_edges
 
 Array = np.ndarray
 Holes = str | int | Sequence[int] | None
 
-# A border whose flat filling would be larger than this share of its piece's area is where the scan ends, not a hole in it.
-_OUTER = 0.2
+# The border of a piece that encloses most is where the scan ends, if its flat filling would be larger than this share of the
+# piece; any other border is, if it is larger than all of it.
+_OUTER, _LARGER = 0.2, 1.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class Hole:
     piece : int
         The connected piece of the scan it belongs to.
     outer : bool
-        Whether it is where the piece ends: its filling would be larger than a fifth of the piece.
+        Whether it is where the piece ends: it encloses most of all the piece's borders and more than a fifth of the piece's
+        area, or more than all of it.
     """
 
     number: int
@@ -74,29 +78,40 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
         ahead[inside] = following(opposite[ahead[inside]])
         inside = inside[opposite[ahead[inside]] >= 0]
     step = dict(zip(border.tolist(), ahead.tolist(), strict=True))
-    _, label = pieces(faces, len(vertices))
+    label = _face_pieces(opposite)
     corners = vertices[faces]
     face_area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    piece_area = np.bincount(label[faces[:, 0]], face_area, label.max() + 1)
-    loops: list[tuple[float, Array]] = []
-    while step:
-        first, edge = next(iter(step.items()))
-        del step[first]
+    piece_area = np.bincount(label, face_area)
+    loops: list[tuple[float, Array, int]] = []
+    for first in border.tolist():
+        if first not in step:
+            continue
+        edge = step.pop(first)
         loop = [first]
         while edge != first:
             loop.append(edge)
             edge = step.pop(edge)
-        loops += [(_length(vertices[rim]), rim) for rim in _simple(edges[loop, 0])]
+        loops += [(_length(vertices[rim]), rim, int(label[first // 3])) for rim in _simple(edges[loop, 0])]
     loops.sort(key=lambda entry: -entry[0])
-    holes = []
-    for number, (length, rim) in enumerate(loops, 1):
+    holes: list[Hole] = []
+    for number, (length, rim, piece) in enumerate(loops, 1):
         at = vertices[rim]
         center = at.mean(axis=0)
         area = 0.5 * float(np.linalg.norm(np.cross(at - center, np.roll(at, -1, axis=0) - center).sum(axis=0)))
-        piece = int(label[rim[0]])
-        outer = area > _OUTER * piece_area[piece]
-        holes.append(Hole(number, rim.astype(np.int32), length, area, center, piece, bool(outer)))
-    return holes
+        holes.append(Hole(number, rim.astype(np.int32), length, area, center, piece, False))
+    largest = np.zeros(len(piece_area))
+    np.maximum.at(largest, [h.piece for h in holes], [h.area for h in holes])
+    return [
+        replace(h, outer=bool(h.area > (_OUTER if h.area == largest[h.piece] else _LARGER) * piece_area[h.piece])) for h in holes
+    ]
+
+
+def _face_pieces(opposite: Array) -> Array:
+    """Return the piece (F,) of every face; pieces that share only a vertex are two."""
+    joined = np.flatnonzero(opposite >= 0)
+    count = len(opposite) // 3
+    graph = coo_array((np.ones(len(joined), bool), (joined // 3, opposite[joined] // 3)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _simple(loop: Array) -> list[Array]:
@@ -136,12 +151,14 @@ def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None 
         For an unknown choice or number, or where nothing is left to fill.
     """
     low, high = _limits(size)
+    if not holes:
+        raise InputError("the scan has no border once tiny pieces are left out: nothing is missing, nothing to fill")
     enclosed = [hole for hole in holes if not hole.outer]
     if wanted is None or (isinstance(wanted, str) and wanted in ("all", "largest")):
         chosen = [hole for hole in enclosed if low <= hole.length <= high]
         if wanted == "largest":
             chosen = chosen[:1]
-        if not chosen and holes and not enclosed:
+        if not enclosed:
             raise InputError(
                 f"the scan encloses no hole: its {len(holes)} border{'s are' if len(holes) > 1 else ' is'} where the scan ends "
                 f"({holes[0].describe()}); to close that all the same, give holes='every' or its number"
@@ -150,9 +167,12 @@ def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None 
         chosen = [hole for hole in holes if low <= hole.length <= high]
     else:
         chosen = [hole for hole in _numbered(holes, wanted) if low <= hole.length <= high]
-    if not chosen and holes:
+    if not chosen:
         lengths = f"{holes[-1].length:.4g} to {holes[0].length:.4g}"
-        raise InputError(f"no hole is left to fill: rims are {lengths} long, wanted are {low:.4g} to {high:.4g}")
+        raise InputError(
+            f"no hole is left to fill: rims are {lengths} long, wanted are {low:.4g} to {high:.4g}; widen hole_size, or choose "
+            "among what `intaglio complete --holes list` shows"
+        )
     return chosen
 
 
@@ -168,7 +188,10 @@ def _numbered(holes: list[Hole], wanted: Holes) -> list[Hole]:
         raise InputError(f"{meaning}, not {wanted!r}")
     unknown = [int(n) for n in numbers if not 1 <= n <= len(holes)]
     if unknown:
-        raise InputError(f"there is no hole {unknown[0]}: the scan has {len(holes)} (1 to {len(holes)})")
+        raise InputError(
+            f"there is no hole {unknown[0]}: the scan has {len(holes)} (1 to {len(holes)}), "
+            "`intaglio complete --holes list` shows them"
+        )
     return [holes[n - 1] for n in sorted(set(numbers.tolist()))]
 
 

@@ -1,7 +1,8 @@
 """Completing at several scales: coarse relief first, to guide the finer.
 
-The relief is split by smoothing it over the base. A coarse level has targets and neighbourhoods ``2^level`` times as far apart, so
-that the same window covers so much more; what it completes is known everywhere when the next level's neighbourhoods are compared.
+The relief is split by smoothing it over the base. A coarse level has targets and neighbourhoods ``2^level`` times as far apart,
+so that the same window covers so much more; what it completes is known everywhere when the next level's neighbourhoods are
+compared.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from intaglio.errors import InputError
 from intaglio.kernels.geodesics import nearest_on_mesh
 from intaglio.randomness import uniform
 from intaglio.relief.base import unit
@@ -76,7 +78,9 @@ def coarse_relief(
         measured = coarse.measured
         coarse = replace(coarse, vertices=coarse.foot + height[:, None] * coarse.normal)
         known = (
-            None if guide is None or last is None else _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing))
+            None
+            if guide is None or last is None
+            else _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), device)
         )
         samples = sample_set(coarse, False)
         share = max(4.0**-level, _FEWEST_SAMPLES / len(samples.vertex))
@@ -84,23 +88,27 @@ def coarse_relief(
         comparison = Comparison(coarse=known)
         points = 3 * window * (window + 1) + 1
         plan = plan_search(coarse, samples, points * (2 if known is not None else 1), rotations, "auto", memory, seed)
-        metric = DisplacementMetric(
-            coarse, plan.samples, window, rotations, device,
-            comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed + level,
-        )  # fmt: skip
+        try:
+            metric = DisplacementMetric(
+                coarse, plan.samples, window, rotations, device,
+                comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed + level,
+            )  # fmt: skip
+        except InputError as problem:
+            message = f"levels={levels} are too many for this scan: give {level} (at the coarsest, {problem})"
+            raise InputError(message) from problem
         rule = replace(selection, error=max(0.5 * float(height[measured].var()), 1e-12 * spacing**2))
         growth = grow_relief(coarse, metric, window=window, selection=rule, seed=seed + level)
         refine_relief(coarse, metric, growth.state, window=window, passes=_PASSES, seed=seed + level)
         guide, last = growth.state.height, coarse
     assert guide is not None
     assert last is not None
-    return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing))
+    return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing), device)
 
 
-def _carried(coarse: Ground, guide: Array, ground: Ground, own: Array) -> Array:
+def _carried(coarse: Ground, guide: Array, ground: Ground, own: Array, device: str) -> Array:
     """Coarse relief of a finer ground's vertices: the scan's own where measured, else between the coarse targets."""
     targets = np.flatnonzero(~ground.measured)
-    face, weight = nearest_on_mesh(ground.foot[targets], coarse.foot, coarse.faces, "cpu")
+    face, weight = nearest_on_mesh(ground.foot[targets], coarse.foot, coarse.faces, device)
     out = own.copy()
     out[targets] = np.einsum("ik,ik->i", weight, guide[coarse.faces[face]])
     return out

@@ -48,7 +48,7 @@ class Parameters:
 
 
 def choose_parameters(
-    ground: Ground, window: int | None, error: float | None, rotations: int | None, variance: float
+    ground: Ground, window: int | None, error: float | None, rotations: int | None, variance: float, relief_share: float = 1.0
 ) -> Parameters:
     """Choose what was not given.
 
@@ -61,13 +61,15 @@ def choose_parameters(
         ``rotations``: 1 where slopes have one direction in the local frames, else 12.
     variance : float
         Of what is compared, in squared input units.
+    relief_share : float
+        How much relief counts in it, 1 without colour.
     """
     notes: list[str] = []
     if window is None:
         window, note = _window(ground)
         notes.append(note)
     if error is None:
-        error, note = _error(ground, variance)
+        error, note = _error(ground, variance, relief_share)
         notes.append(note)
     if rotations is None:
         rotations, note = _rotations(ground)
@@ -122,9 +124,9 @@ def _window(ground: Ground) -> tuple[int, str]:
 def noise_variance(ground: Ground) -> float:
     """Return the variance of a single vertex's height, without what it shares with its neighbours.
 
-    What each vertex stands off its neighbours' mean, and that once more, so that slopes and bends drop out; by how much the two steps enlarge
-    independent noise is tried on such. Robust (median absolute deviation), so that edges of relief count little; on relief as fine as the
-    sampling this is an upper bound.
+    What each vertex stands off its neighbours' mean, and that once more, so that slopes and bends drop out; by how much the two
+    steps enlarge independent noise is tried on such. Robust (median absolute deviation), so that edges of relief count little;
+    on relief as fine as the sampling this is an upper bound.
     """
     graph = ground.topology.graph
     own = graph @ diags_array(ground.measured.astype(np.float32))
@@ -145,8 +147,8 @@ def noise_variance(ground: Ground) -> float:
     return float((spread(ground.height) / spread(independent)) ** 2)
 
 
-def _error(ground: Ground, variance: float) -> tuple[float, str]:
-    noise = noise_variance(ground)
+def _error(ground: Ground, variance: float, relief_share: float) -> tuple[float, str]:
+    noise = relief_share * noise_variance(ground)
     low, high = 0.1 * variance, 0.5 * variance
     error = max(float(np.clip(4 * noise, low, high)), 1e-12 * ground.spacing**2)
     which = (
@@ -172,7 +174,11 @@ def direction_share(ground: Ground) -> float:
     tilted = vertex_normals(surface, faces)
     flat = vertex_normals(ground.foot, faces)
     use = np.unique(faces)
-    difference = (tilted - flat)[use]
+    corners = ground.foot[faces]
+    face_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    # By area: where the scan is denser its slopes don't count more.
+    area = np.bincount(faces.reshape(-1), np.repeat(face_area, 3), len(flat))[use]
+    difference = (tilted - flat)[use] * np.sqrt(area)[:, None]
     x = np.einsum("ij,ij->i", difference, ground.u[use])
     y = np.einsum("ij,ij->i", difference, ground.v[use])
     total = float((x**2 + y**2).sum())

@@ -1,7 +1,7 @@
 """Filling a hole with triangles: a triangulation of least area over its rim, refined to the scan's density.
 
-After P. Liepa, *Filling Holes in Meshes*, SGP 2003: triangulate the rim, refine, then make it fair (`intaglio.relief.smooth_base`). Here only
-the connectivity and a first geometry come about.
+After P. Liepa, *Filling Holes in Meshes*, SGP 2003: triangulate the rim, refine, then make it fair
+(`intaglio.relief.filling`). Here only the connectivity and a first geometry come about.
 """
 
 from __future__ import annotations
@@ -51,6 +51,9 @@ def triangulated_rim(vertices: Array, edge_table: Array, loops: list[Array], dev
         distance, nearest = cKDTree(vertices[ring]).query(vertices[polygon])
         at = int(np.argmin(distance))
         j = int(nearest[at])
+        if polygon[at] == ring[j]:
+            polygon = np.concatenate([polygon[: at + 1], ring[j + 1 :], ring[: j + 1], polygon[at + 1 :]])
+            continue
         # Joined by a bridge that is run through once each way.
         polygon = np.concatenate([polygon[: at + 1], ring[j:], ring[: j + 1], polygon[at:]])
         bridge = np.sort([polygon[at], ring[j]])
@@ -63,7 +66,13 @@ def triangulated_rim(vertices: Array, edge_table: Array, loops: list[Array], dev
         if last - first > 1:
             chain = polygon[np.arange(first, last + 1) % len(polygon)]
             triangles.append(chain[_best(chain, vertices, edge_table, count, device)])
-    return np.concatenate(triangles)
+    found = np.concatenate(triangles)
+    # A vertex that stands at two corners can be given one chord twice.
+    _, times = np.unique(edge_keys(directed_edges(found), count), return_counts=True)
+    sides = np.unique(np.sort(directed_edges(found), axis=1), axis=0, return_counts=True)[1]
+    if times.max() > 1 or sides.max() > 2:
+        raise RimError("its triangulation runs through an edge twice")
+    return found
 
 
 def _thinned(polygon: Array, vertices: Array, edge_table: Array, count: int) -> Array:
@@ -108,8 +117,8 @@ def _listed(keys: Array, table: Array) -> Array:
 def refined(points: Array, faces: Array, spacing: float, barred: Array) -> tuple[Array, Array]:
     """Refine a patch until its inner edges are about ``spacing`` long; its rim stays as it is.
 
-    Edges that are the longest of both their triangles are halved, then edges are flipped towards Delaunay's criterion and new vertices
-    moved towards the middle of their neighbours.
+    Edges that are the longest of both their triangles are halved, then edges are flipped towards Delaunay's criterion and new
+    vertices moved towards the middle of their neighbours.
 
     Parameters
     ----------
@@ -149,8 +158,8 @@ def _split(points: Array, faces: Array, longest: float) -> tuple[Array, Array, i
     edges = directed_edges(faces)
     opposite = opposite_edges(faces, len(points))
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-    # A rim edge can't be split, and where it is the longest nothing is: beside a long one splits would never end. Among equals the
-    # larger vertex numbers win, on both sides alike.
+    # A rim edge can't be split, and where it is the longest nothing is: beside a long one splits would never end. Among equals
+    # the larger vertex numbers win, on both sides alike.
     low, high = edges.min(axis=1), edges.max(axis=1)
     order = np.lexsort([high, low, length])
     rank = np.empty(len(edges), np.int64)

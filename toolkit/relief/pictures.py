@@ -52,8 +52,8 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
 def shown(surface: Surface, completed: Surface) -> Array:
     """Return which vertices (N,) of ``surface`` belong into pictures of ``completed``.
 
-    All of them on a plane, cylinder or sphere. A hole in any other scan is small beside it, and something may stand before it: it is
-    shown with its surroundings alone.
+    All of them on a plane, cylinder or sphere. A hole in any other scan is small beside it, and something may stand before it:
+    it is shown with its surroundings alone.
     """
     if not isinstance(completed.model, SmoothBase):
         return np.ones(len(surface.vertices), bool)

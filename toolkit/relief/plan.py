@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from intaglio.errors import InputError
 from intaglio.randomness import uniform
 from intaglio.relief.prepare import Ground
 from intaglio.relief.samples import Samples
@@ -62,11 +61,6 @@ def plan_search(
         Most memory of the process, in GiB: tables that would go beyond are made in chunks, or samples are thinned.
     seed : int
         Of the thinning.
-
-    Raises
-    ------
-    InputError
-        For a memory that is no positive number.
     """
     count = len(samples.vertex)
     targets = int((~ground.measured).sum())
@@ -80,13 +74,7 @@ def plan_search(
     ]
     if memory is None:
         return Plan(approximate, True, samples, tuple(notes))
-    try:
-        cap = float(memory)
-    except (TypeError, ValueError):
-        cap = float("nan")
-    if not 0 < cap < np.inf:
-        raise InputError(f"memory must be a positive number of GiB, not {memory!r}")
-    free = cap * _GIB - _resident()
+    free = memory * _GIB - _resident()
     # What a pass holds at a time whatever the size: chunks of neighbourhoods, costs, votes.
     free -= 32_768 * points * 24 + 6 * len(ground.measured) * 64
     share = 0.5 * max(free, 0.0)
@@ -105,7 +93,7 @@ def plan_search(
     if not keep_grids:
         notes.append("neighbourhoods of targets are located whenever they are read, so that they need no memory")
     if free < 0 or most == _FEWEST_SAMPLES < count:
-        notes.append(f"a memory of {cap:g} GiB is less than the scan itself needs: it is exceeded")
+        notes.append(f"a memory of {memory:g} GiB is less than the scan itself needs: it is exceeded")
     return Plan(approximate, keep_grids, samples, tuple(notes))
 
 

@@ -11,10 +11,10 @@ from intaglio.checks import checked_positive
 from intaglio.errors import InputError
 from intaglio.relief.base import Base, face_the_scan
 from intaglio.relief.extent import Extent, region_to_complete, sampling_distance
+from intaglio.relief.filling import fill_smoothly
 from intaglio.relief.frames import local_frames
 from intaglio.relief.holes import Holes, choose_holes, find_holes
 from intaglio.relief.scan import check_joined, check_scan, choose_base, pieces_on_base
-from intaglio.relief.smooth_base import fill_smoothly
 from intaglio.relief.triangulation import fill_base
 from intaglio.surface import Surface
 from intaglio.topology import Topology
@@ -103,7 +103,7 @@ def prepare_ground(
     holes, hole_size : see `choose_holes`
         They ask for a smooth base.
     relief_scale : float, optional
-        With a smooth base: the wave length, in the input's unit, below which the surface counts as relief; default 20 spacings.
+        With a smooth base: the wave length, in the input's unit, below which the surface counts as relief; default 12 spacings.
     device : str
 
     Raises
@@ -127,7 +127,13 @@ def prepare_ground(
             raise InputError(f"extent={extent!r} goes with a plane, cylinder or sphere; a smooth base fills holes: see holes=")
         laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
     else:
-        laid = _over_base(chosen, vertices, faces, spacing, extent, notes)
+        try:
+            laid = _over_base(chosen, vertices, faces, spacing, extent, notes)
+        except InputError as problem:
+            if base != "auto" or extent not in (None, "holes") or all(h.outer for h in find_holes(vertices, faces)):
+                raise
+            notes = [f"base: the smoothed scan, since on a {chosen.kind} {problem}"]
+            laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
     scanned = int(laid.kept.sum())
     count = len(laid.foot)
     check_joined(laid.faces, count, scanned)
@@ -235,6 +241,11 @@ def _over_scan(
         relief_scale = _RELIEF_SCALE * spacing
         notes.append(f"relief scale {relief_scale:.6g}: {_RELIEF_SCALE} spacings; shorter waves are relief, longer ones shape")
     else:
+        size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        if not spacing <= relief_scale <= size:
+            raise InputError(
+                f"relief_scale {relief_scale:.3g} must lie between the spacing, {spacing:.3g}, and the scan's size, {size:.3g}"
+            )
         notes.append(f"relief scale {relief_scale:.6g}: as given")
     filling = fill_smoothly(vertices, faces, chosen, every, spacing, relief_scale, device)
     notes += filling.notes

@@ -8,6 +8,8 @@ al. 2005, over a surface). The last pass copies: every filled vertex again has o
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from intaglio.randomness import uniform
@@ -16,7 +18,7 @@ from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import Progress, Selection, State
 from intaglio.relief.smooth_base import SmoothBase
 from intaglio.render.compare import decode_srgb
-from intaglio.topology import pieces
+from intaglio.topology import unique_edges
 
 Array = np.ndarray
 
@@ -98,12 +100,16 @@ def refine_relief(
 def _references(ground: Ground, state: State, targets: Array) -> list[tuple[Array, Array]]:
     """Filled vertices, and the sorted measured heights whose distribution theirs should have.
 
-    On a plane, cylinder or sphere the relief is taken to be one texture. Over a scan of any shape it is rough here and smooth there:
-    each hole goes by what surrounds it, as far from its rim as it is large.
+    On a plane, cylinder or sphere the relief is taken to be one texture. Over a scan of any shape it is rough here and smooth
+    there: each hole goes by what surrounds it, as far from its rim as it is large.
     """
     if not isinstance(ground.base, SmoothBase):
         return [(targets, np.sort(state.height[ground.measured]))]
-    _, label = pieces(ground.faces[(~ground.measured)[ground.faces].all(axis=1)], len(ground.measured))
+    # Along edges, not faces: a slit one vertex wide is one hole as well.
+    edges = unique_edges(ground.faces)
+    own_edges = edges[~ground.measured[edges].any(axis=1)]
+    shape = (len(ground.measured), len(ground.measured))
+    label = connected_components(coo_array((np.ones(len(own_edges), bool), own_edges.T), shape=shape), directed=False)[1]
     scan = np.flatnonzero(ground.measured)
     tree = cKDTree(ground.foot[scan])
     order = targets[np.argsort(label[targets], kind="stable")]

@@ -1,8 +1,8 @@
 """Joining a smooth base to the rim: the base that was made up is moved so that the relief on it meets the scan.
 
-A smoothed scan leaves some shape in the relief where it is creased, often just where a hole begins. Relief copied beside such a rim
-then stands too high or too low. How much is known: the copied vertex's own neighbour, at the source, says by how much the relief should change
-from it to the scan's vertex next to it.
+A smoothed scan leaves some shape in the relief where it is creased, often just where a hole begins. Relief copied beside such a
+rim then stands too high or too low. How much is known: the copied vertex's own neighbour, at the source, says by how much the
+relief should change from it to the scan's vertex next to it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from intaglio.relief.prepare import Ground
 from intaglio.relief.propagate import State
+from intaglio.relief.samples import Samples
 from intaglio.sparse import solved
 from intaglio.topology import unique_edges
 
@@ -21,17 +22,19 @@ Array = np.ndarray
 _STIFFNESS, _REACH = 0.5, 10.0
 
 
-def shift_to_rim(ground: Ground, state: State) -> Array:
+def shift_to_rim(ground: Ground, state: State, samples: Samples) -> Array:
     """Return by how much (N,) the base of filled vertices is to move along its normal; 0 at measured ones.
 
-    The shift minimises squared misfits across the rim, differences between neighbours and, weakly, its own size, so that it dies away
-    over some ten edges.
+    The shift minimises squared misfits across the rim, differences between neighbours and, weakly, its own size, so that it
+    dies away over some ten edges.
 
     Parameters
     ----------
     ground : Ground
     state : State
         Fully grown.
+    samples : Samples
+        Those that it was grown from.
     """
     count = len(ground.measured)
     filled = state.textured & ~ground.measured
@@ -41,11 +44,11 @@ def shift_to_rim(ground: Ground, state: State) -> Array:
     crossing = edges[ends[:, 0] != ends[:, 1]]
     inner = crossing[filled[crossing]]
     outer = crossing[~filled[crossing]]
-    known = (state.source[inner] >= 0) & ground.measured[outer]
+    known = (state.sample[inner] >= 0) & ground.measured[outer]
     inner, outer = inner[known], outer[known]
     if len(inner) == 0:
         return shift
-    misfit = state.height[outer] - state.height[inner] - _expected_change(ground, state, inner, outer)
+    misfit = state.height[outer] - state.height[inner] - _expected_change(ground, state, samples, inner, outer)
     place = np.full(count, -1)
     vertices = np.flatnonzero(filled)
     place[vertices] = np.arange(len(vertices))
@@ -62,8 +65,8 @@ def shift_to_rim(ground: Ground, state: State) -> Array:
     return shift
 
 
-def _expected_change(ground: Ground, state: State, inner: Array, outer: Array) -> Array:
-    """Change of height from ``inner`` to ``outer`` as the source of ``inner`` has it: to its neighbour that lies in that direction."""
+def _expected_change(ground: Ground, state: State, samples: Samples, inner: Array, outer: Array) -> Array:
+    """Change of height from ``inner`` to ``outer`` as at the source of ``inner``: to its neighbour in that direction."""
     offset = ground.foot[outer] - ground.foot[inner]
     x = np.einsum("ij,ij->i", offset, ground.u[inner])
     y = np.einsum("ij,ij->i", offset, ground.v[inner])
@@ -77,12 +80,16 @@ def _expected_change(ground: Ground, state: State, inner: Array, outer: Array) -
     neighbour = topology.neighbours[
         np.arange(degree.sum()) - np.repeat(np.cumsum(degree) - degree, degree) + np.repeat(first, degree)
     ]
-    step = ground.foot[neighbour] - ground.foot[source[row]]
-    away = (np.einsum("ij,ij->i", step, ground.u[source[row]]) - x[row]) ** 2
-    away += (np.einsum("ij,ij->i", step, ground.v[source[row]]) - y[row]) ** 2
+    sample = state.sample[inner]
+    step = ground.foot[neighbour] - samples.foot[sample[row]]
+    away = (np.einsum("ij,ij->i", step, samples.u[sample[row]]) - x[row]) ** 2
+    away += (np.einsum("ij,ij->i", step, samples.v[sample[row]]) - y[row]) ** 2
     away[~ground.measured[neighbour]] = np.inf
     order = np.lexsort([away, row])
     best = order[np.cumsum(degree) - degree]
-    change = state.height[neighbour[best]] - state.height[source]
+    change = state.height[neighbour[best]] - samples.height[sample]
+    # A neighbour further off than the offset changes by as much more.
+    reach = np.linalg.norm(step[best], axis=1)
+    change *= np.minimum(1.0, np.hypot(x, y) / np.maximum(reach, 1e-300))
     # Heights of measured vertices are the scan's own; a source without measured neighbours says nothing.
     return np.where(np.isfinite(away[best]), change, 0.0)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from intaglio.relief.base import unit
 from intaglio.relief.prepare import Ground
-from intaglio.topology import unique_edges, used_vertices
+from intaglio.topology import directed_edges, largest_faces, used_vertices
 
 Array = np.ndarray
 
@@ -70,16 +70,19 @@ def sample_set(ground: Ground, oversample: bool) -> Samples:
     samples, so that a target out of phase with the scan's lattice still finds its match. A midpoint's displacement is the
     mean of the edge's two; its colour the Gaussian-weighted mean of its four nearest measured neighbours (section 6).
     """
-    topology = ground.topology
     measured_face = ground.measured[ground.faces].all(axis=1)
     vertex = np.flatnonzero(used_vertices(ground.faces[measured_face], len(ground.measured)))
-    first = topology.incident[topology.face_offsets[vertex]]
+    faces = largest_faces(ground.faces[measured_face], ground.foot)
+    number = np.flatnonzero(measured_face)
+    first = number[faces[vertex]]
     height = ground.height
     foot, u = ground.foot[vertex], ground.u[vertex]
     sample_height = height[vertex]
     color = None if ground.color is None else ground.color[vertex]
     if oversample:
-        edges = unique_edges(ground.faces[measured_face])
+        # Each edge once, with a face that it belongs to.
+        sides = np.sort(directed_edges(ground.faces[measured_face]), axis=1)
+        edges, at = np.unique(sides, axis=0, return_index=True)
         middle, normal = ground.base.foot(ground.foot[edges].mean(axis=1))
         along = ground.u[edges].sum(axis=1)
         # Opposite frames cancel: the first end's frame then stands for the edge.
@@ -93,7 +96,7 @@ def sample_set(ground: Ground, oversample: bool) -> Samples:
         vertex = np.concatenate([vertex, nearer])
         foot, u = np.concatenate([foot, middle]), np.concatenate([u, along])
         sample_height = np.concatenate([sample_height, height[edges].mean(axis=1)])
-        first = np.concatenate([first, topology.incident[topology.face_offsets[edges[:, 0]]]])
+        first = np.concatenate([first, number[at // 3]])
     normal = ground.base.foot(foot)[1]
     still = np.zeros(len(vertex), np.float32)
     return Samples(vertex.astype(np.int32), foot, u, np.cross(normal, u), sample_height, color, first.astype(np.int32), still)

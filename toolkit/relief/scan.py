@@ -91,8 +91,8 @@ def list_holes(surface: Surface) -> list[Hole]:
 def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:
     """Return the base as given or fitted, or "smooth"; say in ``notes`` what was chosen and why.
 
-    "auto" takes the plane, cylinder or sphere that fits best; where none fits, two fit equally well, or most of what is left is shape
-    rather than relief, and the scan encloses a hole, the smoothed scan is the base.
+    "auto" takes the plane, cylinder or sphere that fits best; where none fits, two fit equally well, or most of what is left is
+    shape rather than relief, and the scan encloses a hole, the smoothed scan is the base.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str
 
 
 def _shape_share(base: Base, points: Array) -> float:
-    """Share of the variance of distances from ``base`` that lies in waves longer than a fifth of the scan: between cells of half that."""
+    """Share of the variance of distances from ``base`` between cells of a tenth of the scan: in waves longer than a fifth."""
     distance = base.distance(points)
     variance = float(distance.var())
     low = points.min(axis=0)
@@ -181,8 +181,9 @@ def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tup
     note = ""
     if real > 1 or not used.all():
         left = int((used & ~taken).sum())
+        where = "" if distance is None else "on the base "
         note = (
-            f"the scan is in {real} pieces: {len({largest, *enough})} {'' if distance is None else 'on the base '}taken ({taken.sum()} vertices), the "
+            f"the scan is in {real} pieces: {len({largest, *enough})} {where}taken ({taken.sum()} vertices), the "
             f"others left out ({left} vertices), {int((~used).sum())} vertices in no face"
         )
     renumber = np.cumsum(taken) - 1
