@@ -12,7 +12,7 @@ from intaglio.scenes.patterns import bumps, cylinder_base, on_cylinder
 def run(args: argparse.Namespace) -> Result:
     """Run the scene."""
     scan, truth = on_cylinder(bumps)
-    settings: dict[str, Any] = {"base": cylinder_base(), "window": 2, "error": 0.1}
+    settings: dict[str, Any] = {"base": cylinder_base(), "window": 2, "error": 0.1, "rotations": 1}
     return run_scene("cylinder_bumps", "Bumps on a cylinder", scan, args, truth=truth, **settings)
 
 

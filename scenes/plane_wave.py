@@ -13,7 +13,7 @@ def run(args: argparse.Namespace) -> Result:
     """Run the scene."""
     scan, truth = on_plane(plane_wave)
     extent = (0.0, PLANE_LENGTH - 1.0, 0.0, PLANE_SIDE - 1.0)
-    settings: dict[str, Any] = {"base": plane_base(), "window": 2, "error": 0.1, "extent": extent}
+    settings: dict[str, Any] = {"base": plane_base(), "window": 2, "error": 0.1, "rotations": 1, "extent": extent}
     return run_scene("plane_wave", "A wave on a plane", scan, args, truth=truth, **settings)
 
 
