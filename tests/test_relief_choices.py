@@ -214,6 +214,14 @@ def test_bands_keep_long_waves_and_levels_reach_further():
     assert off[1] < off[0]
 
 
+@pytest.mark.parametrize("base", ["smooth", PLANE])
+def test_too_many_levels_are_named(base):
+    scan = sheet(rough(), columns=26, rows=26)
+    inside = np.linalg.norm(scan.vertices[:, :2] - 12.5, axis=1) < 4
+    with pytest.raises(intaglio.InputError, match="levels=6 are too many"):
+        intaglio.complete_relief(scan.part(~inside), base, extent=None if base == "smooth" else "holes", levels=6, window=3)
+
+
 def test_frames_along_the_coarse_relief_point_up_its_slope():
     ground = prepare_ground(gap(sheet(lambda x, y: x + 0 * y), 20, 26), PLANE, extent="rectangle")
     u, v = frames_along(ground, 0.2 * ground.foot[:, 0] + 0.1 * ground.foot[:, 1])

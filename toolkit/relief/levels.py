@@ -14,6 +14,7 @@ import numpy as np
 
 from intaglio.errors import InputError
 from intaglio.kernels.geodesics import nearest_on_mesh
+from intaglio.kernels.location import polar_grid
 from intaglio.randomness import uniform
 from intaglio.relief.base import unit
 from intaglio.relief.channels import Comparison
@@ -73,29 +74,18 @@ def coarse_relief(
     last: Ground | None = None
     for level in range(levels - 1, 0, -1):
         spacing = ground.spacing * 2**level
-        coarse = at_spacing(spacing)
-        height = band(coarse, _SHORTEST_WAVE * spacing)
-        measured = coarse.measured
-        coarse = replace(coarse, vertices=coarse.foot + height[:, None] * coarse.normal)
-        known = (
-            None
-            if guide is None or last is None
-            else _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), device)
-        )
-        samples = sample_set(coarse, False)
-        share = max(4.0**-level, _FEWEST_SAMPLES / len(samples.vertex))
-        samples = samples.part(np.flatnonzero(uniform(seed, _STREAM_LEVELS, samples.vertex, level) < share))
-        comparison = Comparison(coarse=known)
-        points = 3 * window * (window + 1) + 1
-        plan = plan_search(coarse, samples, points * (2 if known is not None else 1), rotations, "auto", memory, seed)
         try:
-            metric = DisplacementMetric(
-                coarse, plan.samples, window, rotations, device,
-                comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed + level,
-            )  # fmt: skip
+            coarse = at_spacing(spacing)
+            height = band(coarse, _SHORTEST_WAVE * spacing)
+            coarse = replace(coarse, vertices=coarse.foot + height[:, None] * coarse.normal)
+            known = None
+            if guide is not None and last is not None:
+                known = _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), device)
+            metric = _metric(coarse, known, level, window, rotations, seed, device, memory)
         except InputError as problem:
-            message = f"levels={levels} are too many for this scan: give {level} (at the coarsest, {problem})"
+            message = f"levels={levels} are too many for this scan, give {level}: with targets {spacing:.4g} apart, {problem}"
             raise InputError(message) from problem
+        measured = coarse.measured
         rule = replace(selection, error=max(0.5 * float(height[measured].var()), 1e-12 * spacing**2))
         growth = grow_relief(coarse, metric, window=window, selection=rule, seed=seed + level)
         refine_relief(coarse, metric, growth.state, window=window, passes=_PASSES, seed=seed + level)
@@ -103,6 +93,29 @@ def coarse_relief(
     assert guide is not None
     assert last is not None
     return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing), device)
+
+
+def _metric(
+    coarse: Ground,
+    known: Array | None,
+    level: int,
+    window: int,
+    rotations: int,
+    seed: int,
+    device: str,
+    memory: float | None,
+) -> DisplacementMetric:
+    """Compare neighbourhoods of one coarse level: with as many of the samples as a scan of its density would have."""
+    samples = sample_set(coarse, False)
+    share = max(4.0**-level, _FEWEST_SAMPLES / len(samples.vertex))
+    samples = samples.part(np.flatnonzero(uniform(seed, _STREAM_LEVELS, samples.vertex, level) < share))
+    comparison = Comparison(coarse=known)
+    points = len(polar_grid(max(window, 2), rotations)[1]) * len(comparison.factors())
+    plan = plan_search(coarse, samples, points, rotations, "auto", memory, seed)
+    return DisplacementMetric(
+        coarse, plan.samples, window, rotations, device,
+        comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed + level,
+    )  # fmt: skip
 
 
 def _carried(coarse: Ground, guide: Array, ground: Ground, own: Array, device: str) -> Array:
