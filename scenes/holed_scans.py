@@ -54,10 +54,10 @@ def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:
 
 
 def relief_energy(surface: Surface) -> float:
-    """Return how rough the filling of the largest hole is against its surroundings: waves up to four edges long, squared.
+    """Return how rough the filling of the largest hole is against its surroundings: its finest waves.
 
-    What a vertex stands off the mean of its neighbours, along the base's normal, averaged over the filling and over the measured
-    vertices around it; the same measure for any filling, whatever its base.
+    What a vertex stands off the mean of its neighbours, along the base's normal, squared, in the median over the filling and over the
+    measured vertices around it; the same measure for any filling, whatever its base.
     """
     graph = adjacency(surface.faces, len(surface.vertices))
     degree = np.maximum(np.diff(graph.indptr), 1)[:, None]
@@ -66,7 +66,7 @@ def relief_energy(surface: Surface) -> float:
     center = surface.vertices[inside].mean(axis=0)
     reach = 1.8 * np.linalg.norm(surface.vertices[inside] - center, axis=1).max()
     around = surface.measured & (np.linalg.norm(surface.vertices - center, axis=1) < reach)
-    return float(off[inside].mean() / off[around].mean())
+    return float(np.median(off[inside]) / np.median(off[around]))
 
 
 def run(args: argparse.Namespace) -> list[Result]:
