@@ -56,8 +56,8 @@ def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:
 def relief_energy(surface: Surface) -> float:
     """Return how rough the filling of the largest hole is against its surroundings: its finest waves.
 
-    What a vertex stands off the mean of its neighbours, along the base's normal, squared, in the median over the filling and over the
-    measured vertices around it; the same measure for any filling, whatever its base.
+    What a vertex stands off the mean of its neighbours, along the base's normal, squared, in the median over the filling and over
+    the measured vertices around it; the same measure for any filling, whatever its base.
     """
     graph = adjacency(surface.faces, len(surface.vertices))
     degree = np.maximum(np.diff(graph.indptr), 1)[:, None]
