@@ -108,6 +108,9 @@ def test_colour_decides_where_relief_says_nothing():
     refined = intaglio.complete_relief(scan, PLANE, color_weight=0.8, refine=2, **settings)
     np.testing.assert_array_equal(refined.color[filled], refined.color[refined.source[filled]])
     assert np.abs(refined.color - truth)[filled].mean() < 0.05
+    report = intaglio.assess_relief(refined)
+    assert (report.color_emd < 0.5).all()
+    assert any("distance of colours" in line for line in report.lines())
 
 
 @pytest.mark.parametrize("weight", [-0.1, 1.1, float("nan"), "much"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,8 @@ class ReliefReport:
         Roughness spectra.
     color_overlap : (3,) array or None
         Shared area of the measured and filled colour histograms per channel (display values), 1 for equal ones.
+    color_emd : (3,) array or None
+        Earth mover's distance of the same, in measured standard deviations.
     displacement, filled : (N,) arrays
         Signed displacement of every vertex, and whether it was filled.
     normal_deviation : (N,) array
@@ -103,6 +106,7 @@ class ReliefReport:
     spectrum_measured: Array
     spectrum_filled: Array
     color_overlap: Array | None
+    color_emd: Array | None
     displacement: Array
     filled: Array
     normal_deviation: Array
@@ -121,6 +125,11 @@ class ReliefReport:
         ]
         if self.color_overlap is not None:
             out.append("colour histograms, shared area: " + ", ".join(f"{v:.3f}" for v in self.color_overlap))
+        if self.color_emd is not None:
+            out.append(
+                "earth mover's distance of colours (in measured standard deviations): "
+                + ", ".join(f"{v:.3f}" for v in self.color_emd)
+            )
         if self.truth is not None:
             t = self.truth
             out.append(
@@ -193,7 +202,8 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
         wavelength=wavelength,
         spectrum_measured=spectrum_measured,
         spectrum_filled=spectrum_filled,
-        color_overlap=_color_overlap(surface, measured, filled),
+        color_overlap=_by_channel(histogram_overlap, surface, measured, filled),
+        color_emd=_by_channel(earth_movers_distance, surface, measured, filled),
         displacement=relief,
         filled=filled,
         normal_deviation=tilt,
@@ -226,13 +236,14 @@ def _against_truth(
     )
 
 
-def _color_overlap(surface: Surface, measured: Array, filled: Array) -> Array | None:
+def _by_channel(measure: Callable[[Array, Array], float], surface: Surface, measured: Array, filled: Array) -> Array | None:
+    """A measure of filled against measured display values, for each of the three channels."""
     if surface.color is None:
         return None
     from intaglio.render.compare import encode_srgb
 
     shown = encode_srgb(surface.color)
-    return np.array([histogram_overlap(shown[filled, c], shown[measured, c]) for c in range(3)])
+    return np.array([measure(shown[filled, c], shown[measured, c]) for c in range(3)])
 
 
 def _percent(value: float, reference: float) -> float:
