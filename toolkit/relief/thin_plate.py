@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
-from scipy.sparse.linalg import LinearOperator, SuperLU, cg, splu
+from scipy.sparse.linalg import LinearOperator, cg
 
+from intaglio.sparse import factored
 from intaglio.topology import border_edges
 
 Array = np.ndarray
@@ -106,29 +107,26 @@ def smoothed(
         rows = system[moving]
         right = right[moving] - rows[:, held] @ out[held]
         system = csr_array(rows[:, moving])
-    root = csr_array(diags_array(area) - operator)[moving][:, moving]
-    out[moving] = _solved(system, right, out[moving], csr_array(root), area[moving])
+    if len(moving) <= DIRECT:
+        out[moving] = factored(system).solve(right)
+    else:
+        root = csr_array(csr_array(diags_array(area) - operator)[moving][:, moving])
+        out[moving] = _iterated(system, right, out[moving], root, area[moving])
     return np.asarray(out + offset)
 
 
-def _solved(system: csr_array, right: Array, start: Array, root: csr_array, area: Array) -> Array:
-    """Solve directly, or by conjugate gradients.
+def _iterated(system: csr_array, right: Array, start: Array, root: csr_array, area: Array) -> Array:
+    """Solve by conjugate gradients, and directly where they don't converge.
 
     (A - L) A^-1 (A - L) is the energy's own form with all weights 1, up to a factor of 2: few steps are needed, however long the
     waves that are damped, and to factor A - L takes far less than to factor its square.
     """
-    if system.shape[0] <= DIRECT:
-        return np.asarray(_factored(system).solve(right))
-    factors = _factored(root)
+    factors = factored(root)
     guess = LinearOperator(system.shape, lambda v: factors.solve(area * factors.solve(v)))
     columns = []
     for k in range(right.shape[1]):
         column, missed = cg(system, right[:, k], x0=start[:, k], rtol=_RESIDUAL, maxiter=_ITERATIONS, M=guess)
         if missed:
-            return np.asarray(_factored(system).solve(right))
+            return np.asarray(factored(system).solve(right))
         columns.append(column)
     return np.stack(columns, axis=1)
-
-
-def _factored(system: csr_array) -> SuperLU:
-    return splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
