@@ -69,13 +69,6 @@ def checked_selection(rule: str, factor: float, eta: float, error: float | None)
     return Selection(rule, factor, eta, 0.0 if error is None else float(error))
 
 
-def whole_number(value: int, name: str, least: int, most: int) -> int:
-    """Return ``value`` as an int from ``least`` to ``most``, or raise `InputError`."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-        raise InputError(f"{name} must be a whole number from {least} to {most}, not {value!r}")
-    return int(value)
-
-
 def check_samples(ground: Ground) -> None:
     """Raise `InputError` where no measured vertex has measured surface all around it."""
     inner = ground.measured.copy()

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from intaglio.checks import checked_positive
+from intaglio.checks import checked_count, checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.location import polar_grid
 from intaglio.randomness import checked_seed
-from intaglio.relief.arguments import check_combination, check_samples, check_surface, checked_selection, whole_number
+from intaglio.relief.arguments import check_combination, check_samples, check_surface, checked_selection
 from intaglio.relief.base import Base
 from intaglio.relief.channels import compare_by
 from intaglio.relief.displacement_metric import DisplacementMetric
@@ -168,10 +168,10 @@ def complete_relief(
     >>> whole = intaglio.complete_relief(scan, base="sphere", rotations=24, seed=1)  # doctest: +SKIP
     """
     check_surface(surface)
-    window = None if window is None else whole_number(window, "window", 1, 64)
-    rotations = None if rotations is None else whole_number(rotations, "rotations", 0, 720) or 1
-    refine = whole_number(refine, "refine", 0, 100)
-    levels = whole_number(levels, "levels", 1, 6)
+    window = None if window is None else checked_count("window", window, 1, 64)
+    rotations = None if rotations is None else checked_count("rotations", rotations, 0, 720) or 1
+    refine = checked_count("refine", refine, 0, 100)
+    levels = checked_count("levels", levels, 1, 6)
     seed = checked_seed(seed)
     for name, value, known in (
         ("metric", metric, ("displacement", "surface")),
