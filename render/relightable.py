@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.render.variant import mitsuba
-from intaglio.render.view import Camera, distant_light, filled_mesh, lit_mesh, make_sensor, over_background
+from intaglio.render.variants import mitsuba
+from intaglio.render.views import Camera, distant_light, filled_mesh, lit_mesh, make_sensor, over_background
 
-Array = np.ndarray
 # From the components of the light's unit vector, and the functions of an array library, to n coefficients.
 Coefficients = Callable[[Any, Any, Any, Any], list[Any]]
 
@@ -55,10 +54,10 @@ class DrJitMaths:
 
 
 def relightable_bsdf(
-    maps: Array,
+    maps: np.ndarray,
     coefficients: Coefficients,
     *,
-    chroma: Array | None = None,
+    chroma: np.ndarray | None = None,
     repeat: tuple[float, float] = (1.0, 1.0),
     tiled: bool = True,
     smooth: bool = True,
@@ -92,7 +91,7 @@ def relightable_bsdf(
     return _bsdf_class(mi.variant())(mi.Properties(), maps, coefficients, chroma, repeat, tiled, smooth, back)
 
 
-def matte_bsdf(normal: Array, albedo: Array) -> Any:
+def matte_bsdf(normal: np.ndarray, albedo: np.ndarray) -> Any:
     """Return Mitsuba's own diffuse BSDF under its normal map: the same as kind "gradient" where it is not cut off at 0.
 
     Parameters
@@ -105,7 +104,7 @@ def matte_bsdf(normal: Array, albedo: Array) -> Any:
     mi = mitsuba()
     color = np.repeat(albedo, 3, axis=2) if albedo.shape[2] == 1 else albedo
 
-    def bitmap(values: Array) -> dict[str, Any]:
+    def bitmap(values: np.ndarray) -> dict[str, Any]:
         # Mitsuba's bitmaps have row 0 at v = 0, and are stored in half precision unless told.
         image = mi.Bitmap(np.ascontiguousarray(values[::-1], np.float32))
         return {"type": "bitmap", "bitmap": image, "raw": True, "filter_type": "nearest", "format": "variant"}
@@ -116,7 +115,7 @@ def matte_bsdf(normal: Array, albedo: Array) -> Any:
     return mi.load_dict({"type": "normalmap", "normalmap": bitmap(normal * 0.5 + 0.5), "nested": matte, **plain})
 
 
-def textured_mesh(vertices: Array, faces: Array, uv: Array, bsdf: Any, *, flat: bool = False) -> Any:
+def textured_mesh(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, bsdf: Any, *, flat: bool = False) -> Any:
     """Return a Mitsuba mesh with texture coordinates ``uv`` (N, 2); (0, 0) is the texture's lower left corner."""
     if np.shape(uv) != (len(vertices), 2):
         raise ValueError(f"texture coordinates must be ({len(vertices)}, 2), not {np.shape(uv)}")
@@ -124,18 +123,18 @@ def textured_mesh(vertices: Array, faces: Array, uv: Array, bsdf: Any, *, flat: 
 
 
 def relit(
-    vertices: Array,
-    faces: Array,
-    uv: Array,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    uv: np.ndarray,
     bsdf: Any,
     *,
     camera: Camera,
-    light: Array,
+    light: np.ndarray,
     size: tuple[int, int] = (512, 512),
     samples: int = 16,
     background: float = 0.0,
     seed: int = 0,
-) -> Array:
+) -> np.ndarray:
     """Render a textured mesh under one distant light, with cast shadows.
 
     Parameters
@@ -166,7 +165,9 @@ def relit(
     return _render(mesh, sensor, light, samples, seed, background)
 
 
-def relit_plane(bsdf: Any, size: tuple[int, int], light: Array, *, samples: int = 1, seed: int = 0, facing: bool = True) -> Array:
+def relit_plane(
+    bsdf: Any, size: tuple[int, int], light: np.ndarray, *, samples: int = 1, seed: int = 0, facing: bool = True
+) -> np.ndarray:
     """Render a texture on a plane, seen straight on without perspective, a pixel per texel, under one distant light.
 
     Parameters
@@ -231,7 +232,7 @@ def orthographic_sensor(size: tuple[int, int], pixel: float, distance: float, *,
     }
 
 
-def _render(mesh: Any, sensor: Any, light: Array, samples: int, seed: int, background: float) -> Array:
+def _render(mesh: Any, sensor: Any, light: np.ndarray, samples: int, seed: int, background: float) -> np.ndarray:
     towards = np.asarray(light, np.float64) / np.linalg.norm(light)
     rendered = lit_mesh(mesh, sensor, distant_light(towards, np.pi), samples=samples, seed=seed)
     return over_background(rendered, background)
@@ -253,9 +254,9 @@ def _bsdf_class(variant_name: str) -> type:
         def __init__(
             self,
             properties: Any,
-            maps: Array | None = None,
+            maps: np.ndarray | None = None,
             coefficients: Coefficients | None = None,
-            chroma: Array | None = None,
+            chroma: np.ndarray | None = None,
             repeat: tuple[float, float] = (1.0, 1.0),
             tiled: bool = True,
             smooth: bool = True,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from intaglio.surface import Surface
+from intaglio.mesh import Surface
 
 RADIUS = 21.35  # mm, half the least diameter that the rules of golf allow
 DEPTH = 0.25  # mm

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.images import read_image
-from intaglio.relief.base import Cylinder
+from intaglio.files import read_image
+from intaglio.mesh import Cylinder, Surface
 from intaglio.scenes.common import Result, data_folder, options, real_data, run_scene
 from intaglio.scenes.patterns import grid_faces
-from intaglio.surface import Surface
 
 Array = np.ndarray
 
@@ -36,7 +35,7 @@ def material(name: str) -> Array:
 
 def trunk() -> Surface:
     """Return the whole trunk: the bark's columns run up it."""
-    from intaglio.render.compare import encode_srgb
+    from intaglio.kernels.transfer import encode_srgb
 
     color = material("albedo")[:ROWS, :, :3]
     # Heights are stored as they are: decoding them as display values would bend them.

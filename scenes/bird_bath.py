@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
-from intaglio.relief.base import Sphere
-from intaglio.relief.fit import fit_base
+from intaglio.mesh import Sphere, Surface, read_surface, vertex_normals
+from intaglio.relief import fit_base
 from intaglio.scenes.common import Result, largest_piece, options, real_data, run_scene
-from intaglio.surface import Surface, vertex_normals
 
 HOLE = 28.0  # millimetres
 

@@ -6,8 +6,7 @@ import numpy as np
 from scipy import ndimage
 from skimage import data
 
-from intaglio.geometry.point_set import GeometryTexture
-from intaglio.geometry.texture import geometry_from_height
+from intaglio.geometry import GeometryTexture, geometry_from_height
 from intaglio.scenes.common import options
 from intaglio.scenes.extension import run_extension
 

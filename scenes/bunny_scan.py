@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
+from intaglio.mesh import Surface, read_surface
 from intaglio.scenes.common import Result, cut_out, options, real_data, run_scene
-from intaglio.surface import Surface
 
 CENTER = np.array([0.036, 0.086, 0.038])  # metres, on the haunch
 PATCH, HOLE, REST = 0.022, 0.005, 0.016

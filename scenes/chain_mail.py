@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intaglio.geometry.point_set import GeometryTexture, PointSet
-from intaglio.geometry.texture import geometry_from_points
+from intaglio.geometry import GeometryTexture, PointSet, geometry_from_points
 from intaglio.scenes.common import options
 from intaglio.scenes.connections import closed_rings
 from intaglio.scenes.extension import run_extension

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from intaglio.geometry.point_set import GeometryTexture
-from intaglio.geometry.reading import read_geometry_texture
+from intaglio.geometry import GeometryTexture, read_geometry_texture
 from intaglio.scenes.common import options, real_data
 from intaglio.scenes.extension import run_extension
 

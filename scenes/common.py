@@ -13,13 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.images import write_image
+from intaglio.files import write_image
 from intaglio.kernels.launch import start_quietly
+from intaglio.mesh import Surface
 from intaglio.progress import ProgressBar
-from intaglio.relief.assess import ReliefReport, assess_relief
-from intaglio.relief.complete import complete_relief
-from intaglio.relief.report import COMPLETED, RELIEF, SCAN, TRUTH, relief_pictures, write_relief_report
-from intaglio.surface import Surface
+from intaglio.relief import (
+    COMPLETED,
+    RELIEF,
+    SCAN,
+    TRUTH,
+    ReliefReport,
+    assess_relief,
+    complete_relief,
+    relief_pictures,
+    write_relief_report,
+)
 
 Array = np.ndarray
 
@@ -130,7 +138,7 @@ def cut_out(surface: Surface, center: Array, radius: float) -> Surface:
 
 def largest_piece(surface: Surface) -> Surface:
     """Return the connected piece with most vertices."""
-    from intaglio.topology import pieces
+    from intaglio.mesh import pieces
 
     _, label = pieces(surface.faces, len(surface.vertices))
     return surface.part(label == np.argmax(np.bincount(label)))

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from intaglio.geometry.assess import pieces_of
-from intaglio.geometry.point_set import PointSet
+from intaglio.geometry import PointSet, pieces_of
 
 Array = np.ndarray
 

@@ -6,10 +6,9 @@ import argparse
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
+from intaglio.mesh import Surface, read_surface
 from intaglio.scenes.common import Result, options, real_data, run_scene
 from intaglio.scenes.holed_scans import relief_energy, smooth_pictures, without_relief
-from intaglio.surface import Surface
 
 # Where the hole is cut, as shares of the statue's bounds, and its radius as a share of the diagonal.
 PLACE, RADIUS = (0.5, 1.0, 0.2), 0.05

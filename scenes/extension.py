@@ -7,11 +7,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from intaglio.geometry.assess import assess_geometry
-from intaglio.geometry.extend import extend_geometry
-from intaglio.geometry.point_set import GeometryTexture, PointSet
-from intaglio.geometry.report import comparison_pictures, write_geometry_report
-from intaglio.images import write_image
+from intaglio.files import write_image
+from intaglio.geometry import (
+    GeometryTexture,
+    PointSet,
+    assess_geometry,
+    comparison_pictures,
+    extend_geometry,
+    write_geometry_report,
+)
 from intaglio.progress import ProgressBar
 from intaglio.scenes.common import contact_sheet
 

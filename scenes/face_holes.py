@@ -9,7 +9,7 @@ import argparse
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
+from intaglio.mesh import read_surface
 from intaglio.scenes.common import Result, cut_out, options, real_data, run_scene
 
 # Centre of the hole and radius of its surroundings in millimetres, and the base that carries them.

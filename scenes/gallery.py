@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.images import read_image, write_image
+from intaglio.files import read_image, write_image
 from intaglio.scenes import (
     bark,
     bird_bath,

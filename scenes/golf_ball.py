@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.mesh import Surface, surface_from_range_image
 from intaglio.render import Camera, range_scan
 from intaglio.scenes.ball import RADIUS, ball
 from intaglio.scenes.common import Result, options, run_scene
-from intaglio.surface import Surface, surface_from_range_image
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.62, "refine": 4}
 NOISE = 0.01  # mm, a good desktop scanner's

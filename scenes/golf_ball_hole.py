@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.mesh import Surface
 from intaglio.scenes.ball import RADIUS, ball
 from intaglio.scenes.common import Result, options, run_scene
-from intaglio.surface import Surface
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 7, "rotations": 12, "extent": "holes", "refine": 4}
 

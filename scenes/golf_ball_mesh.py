@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
+from intaglio.mesh import Surface, read_surface
 from intaglio.scenes.common import Result, options, real_data, run_scene
 from intaglio.scenes.golf_ball import NOISE, one_view
-from intaglio.surface import Surface
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 12, "spacing": 0.5, "refine": 4}
 

@@ -9,13 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
-from intaglio.relief.pictures import clay_pictures, fixed_cameras, largest_filling, shown, viewpoints
-from intaglio.relief.smooth_base import SmoothBase
-from intaglio.relief.thin_plate import smoothed
+from intaglio.mesh import SmoothBase, Surface, adjacency, read_surface
+from intaglio.relief import clay_pictures, fixed_cameras, largest_filling, shown, smoothed, viewpoints
 from intaglio.scenes.common import SMOOTH, Result, options, real_data, run_scene
-from intaglio.surface import Surface
-from intaglio.topology import adjacency
 
 Array = np.ndarray
 

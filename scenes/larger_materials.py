@@ -7,15 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, write_page
-from intaglio.images import read_image, write_image
-from intaglio.photometric import Relightable
-from intaglio.photometric.bases import LambertBasis
+from intaglio.files import listing, picture_row, read_image, write_image, write_page
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.photometric import LambertBasis, Relightable
 from intaglio.progress import ProgressBar
-from intaglio.render.compare import encode_srgb
 from intaglio.scenes.common import data_folder, options, real_data, side_by_side
-from intaglio.synthesis import Synthesis, SynthesisReport, assess_synthesis, quilt
-from intaglio.synthesis.report import THESIS_LIGHTS
+from intaglio.synthesis import THESIS_LIGHTS, Synthesis, SynthesisReport, assess_synthesis, quilt
 
 Array = np.ndarray
 

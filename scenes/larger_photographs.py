@@ -8,10 +8,9 @@ import time
 import numpy as np
 from skimage import data
 
-from intaglio.html_page import listing, picture_row, table, write_page
-from intaglio.images import read_image, write_image
+from intaglio.files import listing, picture_row, read_image, table, write_image, write_page
+from intaglio.kernels.transfer import encode_srgb
 from intaglio.progress import ProgressBar
-from intaglio.render.compare import encode_srgb
 from intaglio.scenes.common import data_folder, options, side_by_side
 from intaglio.synthesis import SynthesisReport, assess_synthesis, grow, quilt
 

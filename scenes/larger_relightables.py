@@ -6,17 +6,21 @@ import argparse
 
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, table, write_page
-from intaglio.images import write_image
-from intaglio.photometric import PhotometricStack, Relightable, read_stack, represent
-from intaglio.photometric.rendering import bsdf_of
+from intaglio.files import listing, picture_row, table, write_image, write_page
+from intaglio.photometric import PhotometricStack, Relightable, bsdf_of, read_stack, represent
 from intaglio.progress import ProgressBar
-from intaglio.render.relightable import relit_plane
+from intaglio.render import relit_plane
 from intaglio.scenes.common import data_folder, options, side_by_side
 from intaglio.scenes.rough_surfaces import thesis_surfaces
-from intaglio.synthesis import SynthesisReport, assess_synthesis, synthesize, synthesize_each_light
-from intaglio.synthesis.report import THESIS_LIGHTS
-from intaglio.synthesis.result import copied_texture, places
+from intaglio.synthesis import (
+    THESIS_LIGHTS,
+    SynthesisReport,
+    assess_synthesis,
+    copied_texture,
+    places,
+    synthesize,
+    synthesize_each_light,
+)
 
 Array = np.ndarray
 

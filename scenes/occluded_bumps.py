@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.relief.base import Plane
+from intaglio.mesh import Plane, Surface, surface_from_range_image
 from intaglio.render import Camera, range_scan
 from intaglio.scenes.common import Result, options, run_scene
 from intaglio.scenes.patterns import grid_faces
-from intaglio.surface import Surface, surface_from_range_image
 
 Array = np.ndarray
 

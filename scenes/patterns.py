@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intaglio.relief.base import Cylinder, Plane
-from intaglio.surface import Surface
+from intaglio.mesh import Cylinder, Plane, Surface
 
 Array = np.ndarray
 

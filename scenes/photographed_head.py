@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.images import read_image, write_image
+from intaglio.files import read_image, write_image
+from intaglio.mesh import Surface
 from intaglio.parameterization import Parameterization, parameterize
 from intaglio.photographs import (
     Photograph,
@@ -17,15 +18,15 @@ from intaglio.photographs import (
     bind_photographs,
     border_step,
     combine_photographs,
+    pictures,
     restore_texture,
+    write_texture_report,
     write_textured,
 )
-from intaglio.photographs.report import pictures, write_texture_report
 from intaglio.progress import ProgressBar
 from intaglio.render import compare, through_camera
 from intaglio.scenes.common import options, real_data, side_by_side
 from intaglio.scenes.photographs import camera_towards, photographed
-from intaglio.surface import Surface
 
 Array = np.ndarray
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.html_page import picture_row, table, write_page
-from intaglio.images import write_image
-from intaglio.mesh_reading import read_surface
+from intaglio.files import picture_row, table, write_image, write_page
+from intaglio.mesh import read_surface
 from intaglio.parameterization import parameterize
 from intaglio.photographs import (
     Binding,
@@ -19,9 +18,9 @@ from intaglio.photographs import (
     border_step,
     combine_photographs,
     compare_with_photograph,
+    exposure_gains,
     read_photographs,
 )
-from intaglio.photographs.exposure import exposure_gains
 from intaglio.progress import ProgressBar
 from intaglio.scenes.common import data_folder, options, real_data, side_by_side
 from intaglio.scenes.photographs import vertex_color_texture

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from intaglio.kernels.texels import rasterize
+from intaglio.mesh import Surface
 from intaglio.parameterization import Parameterization
-from intaglio.photographs import Binding, Camera, Photograph
-from intaglio.photographs.vertex_colors import bound_colors, spread_colors
+from intaglio.photographs import Binding, Camera, Photograph, bound_colors, spread_colors
 from intaglio.render import through_camera
-from intaglio.surface import Surface
 
 Array = np.ndarray
 

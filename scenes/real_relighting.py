@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, table, write_page
-from intaglio.images import write_image
-from intaglio.photometric import PhotometricStack, read_stack, represent, tilt_and_slant
-from intaglio.photometric.relightable import KINDS
-from intaglio.photometric.report import Reports, assess_kinds
+from intaglio.files import listing, picture_row, table, write_image, write_page
+from intaglio.photometric import KINDS, PhotometricStack, Reports, assess_kinds, read_stack, represent, tilt_and_slant
 from intaglio.scenes.common import data_folder, options, real_data
 
 Array = np.ndarray

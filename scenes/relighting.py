@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, table, write_page
-from intaglio.images import write_image
-from intaglio.photometric import Relightable, represent, surface_maps
-from intaglio.photometric.relightable import KINDS
+from intaglio.files import listing, picture_row, table, write_image, write_page
+from intaglio.photometric import KINDS, Relightable, represent, surface_maps
 from intaglio.progress import ProgressBar
 from intaglio.scenes.common import options
 from intaglio.scenes.rough_surfaces import HELD_OUT, RoughSurface, thesis_surfaces

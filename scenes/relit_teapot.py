@@ -6,11 +6,9 @@ import argparse
 
 import numpy as np
 
-from intaglio.images import write_image
-from intaglio.photometric import PhotometricStack, Relightable, light_direction, represent, write_relightable
-from intaglio.photometric.rendering import bsdf_of
-from intaglio.render import Camera, Gloss, photometric_capture, relit
-from intaglio.render.view import frame
+from intaglio.files import write_image
+from intaglio.photometric import PhotometricStack, Relightable, bsdf_of, light_direction, represent, write_relightable
+from intaglio.render import Camera, Gloss, frame, photometric_capture, relit
 from intaglio.scenes.common import options
 from intaglio.scenes.rough_surfaces import periodic_noise, wrapped
 from intaglio.scenes.teapot import teapot

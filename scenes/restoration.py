@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio.html_page import picture_row, table, write_page
-from intaglio.images import read_image, write_image
-from intaglio.render.compare import decode_srgb, encode_srgb
+from intaglio.files import picture_row, read_image, table, write_image, write_page
+from intaglio.kernels.transfer import decode_srgb, encode_srgb
 from intaglio.restoration import RestorationReport, assess_restoration, restore, restore_in_detail
 from intaglio.scenes.common import data_folder, options, real_data, side_by_side
 

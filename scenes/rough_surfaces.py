@@ -8,8 +8,7 @@ import numpy as np
 
 from intaglio.photometric import PhotometricStack, light_direction
 from intaglio.randomness import uniform
-from intaglio.render import Gloss, photometric_capture
-from intaglio.render.photometric_capture import height_normals
+from intaglio.render import Gloss, height_normals, photometric_capture
 
 Array = np.ndarray
 

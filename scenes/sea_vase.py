@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.mesh_reading import read_surface
+from intaglio.mesh import Surface, read_surface
 from intaglio.scenes.common import Result, largest_piece, options, real_data, run_scene
-from intaglio.surface import Surface
 
 BAND = (8.0, 72.0)  # millimetres above the middle, where the wall is nearly upright
 UNSEEN = 120.0  # degrees

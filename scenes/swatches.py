@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from intaglio.geometry.sampling import RADIUS, thinned
+from intaglio.geometry import RADIUS, thinned
 
 Array = np.ndarray
 

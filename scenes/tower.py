@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.relief.base import Cylinder
+from intaglio.mesh import Cylinder, Surface
 from intaglio.scenes.common import Result, options, run_scene
 from intaglio.scenes.patterns import grid_faces
-from intaglio.surface import Surface
 
 Array = np.ndarray
 

@@ -6,15 +6,13 @@ import time
 
 import numpy as np
 
-from intaglio.geometry.extend import extend_geometry
-from intaglio.geometry.mesh import mesh_geometry
-from intaglio.geometry.shell import wrap_geometry
-from intaglio.images import write_image
+from intaglio.files import write_image
+from intaglio.geometry import extend_geometry, mesh_geometry, wrap_geometry
+from intaglio.mesh import grid_faces
 from intaglio.progress import ProgressBar
-from intaglio.render.view import Light, frame, view
+from intaglio.render import Light, frame, view
 from intaglio.scenes.common import options
 from intaglio.scenes.weave import swatch
-from intaglio.topology import grid_faces
 
 Array = np.ndarray
 

@@ -14,9 +14,9 @@ wp.config.log_level = wp.LOG_WARNING
 wp.init()
 
 from intaglio import cli  # noqa: E402
+from intaglio.mesh.surface import Surface  # noqa: E402
 from intaglio.scenes.common import data_folder  # noqa: E402
 from intaglio.scenes.patterns import on_cylinder, on_plane, plane_wave, wave  # noqa: E402
-from intaglio.surface import Surface  # noqa: E402
 
 
 @pytest.fixture(params=["cpu", *[str(d) for d in wp.get_cuda_devices()[:1]]])

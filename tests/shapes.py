@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import Delaunay
 
-from intaglio.surface import Surface
+from intaglio.mesh.surface import Surface
 
 
 def half_sphere(triangles: int = 2000, height: float = 0.2, waves: float = 9) -> Surface:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import intaglio
+from intaglio.relief.seam import seam_measure
 from intaglio.scenes.patterns import cylinder_base, grid_faces
 from intaglio.statistics import (
     autocovariance,
@@ -15,7 +16,6 @@ from intaglio.statistics import (
     histogram_overlap,
     mean_surface_integral,
     roughness_spectrum,
-    seam_measure,
 )
 
 RNG = np.random.default_rng(2)

@@ -292,7 +292,7 @@ def test_a_moebius_band_is_cut_by_repair(tmp_path):
     Surface(vertices=np.concatenate(rim), faces=faces).write(tmp_path / "m.ply")
     mended = intaglio.read_surface(tmp_path / "m.ply", repair=True)
     assert any("one-sided" in note for note in mended.notes)
-    from intaglio.relief.prepare import check_scan
+    from intaglio.relief.ground.prepare import check_scan
 
     check_scan(mended.vertices, mended.faces)
 
@@ -335,7 +335,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         with open("/dev/full", "wb") as file:
             file.write(bytes(1 << 20))
 
-    monkeypatch.setattr("intaglio.mesh_writing._write_ply", full)
+    monkeypatch.setattr("intaglio.mesh.writing._write_ply", full)
     with pytest.raises(intaglio.FileError, match="No space left"):
         surface.write(path)
     assert path.read_bytes() == before

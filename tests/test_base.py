@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import intaglio
-from intaglio.relief.base import Cylinder, Plane, Sphere, face_the_scan, perpendicular
+from intaglio.mesh.base import Cylinder, Plane, Sphere, face_the_scan, perpendicular
 
 RNG = np.random.default_rng(11)
 

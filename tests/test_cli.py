@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import intaglio
-from intaglio.cli import main
+from intaglio.cli.entry import main
 
 
 def run(monkeypatch, capsys, *arguments):

@@ -11,7 +11,7 @@ from shapes import grid
 from test_photographs import seen_by
 
 from intaglio import read_image, write_image, write_surface
-from intaglio.images import read_samples, write_samples
+from intaglio.files.images import read_samples, write_samples
 from intaglio.scenes.photographs import camera_towards
 
 

@@ -7,12 +7,12 @@ import pytest
 
 import intaglio
 from intaglio.kernels.launch import set_threads
-from intaglio.relief.displacement_metric import DisplacementMetric
-from intaglio.relief.prepare import prepare_ground
-from intaglio.relief.propagate import Selection, State
-from intaglio.relief.samples import sample_set
+from intaglio.mesh.topology import border_edges, border_loops, directed_edges, edge_keys, pieces, unique_edges
+from intaglio.relief.ground.prepare import prepare_ground
+from intaglio.relief.growth.displacement_metric import DisplacementMetric
+from intaglio.relief.growth.propagation import Selection, State
+from intaglio.relief.growth.samples import sample_set
 from intaglio.scenes.patterns import cylinder_base, plane_base
-from intaglio.topology import border_edges, border_loops, directed_edges, edge_keys, pieces, unique_edges
 
 
 def assert_manifold(surface):

@@ -7,7 +7,7 @@ import pytest
 
 import intaglio
 from intaglio import FileError, InputError, Surface
-from intaglio.render.compare import decode_srgb, encode_srgb
+from intaglio.kernels.transfer import decode_srgb, encode_srgb
 
 RNG = np.random.default_rng(4)
 

@@ -17,7 +17,7 @@ def searches(monkeypatch):
     """Keep what every level was given and gave, coarsest first."""
     import sys
 
-    module = sys.modules["intaglio.synthesis.grow"]
+    module = sys.modules["intaglio.synthesis.growing"]
     kept = []
 
     class Kept(module.WindowSearch):

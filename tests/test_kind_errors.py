@@ -17,7 +17,7 @@ from intaglio import (
 )
 from intaglio.photometric.linear_fits import LINEAR_KINDS, Moments
 from intaglio.photometric.relightable import KINDS
-from intaglio.photometric.represent import stack_moments
+from intaglio.photometric.representation import stack_moments
 
 
 def slow_report(stack, kind, left_out, **options):

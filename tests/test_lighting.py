@@ -39,7 +39,7 @@ def test_the_kernel_and_the_matrix_product_agree(double):
     rng = np.random.default_rng(1)
     planes, weights = rng.normal(size=(7, 999)).astype(np.float32), rng.normal(size=(3, 7))
     sums = wp.empty((3, 999), dtype=wp.float32, device="cpu")
-    kernel, kind = (lighting._weighted_sums_double, wp.float64) if double else (lighting._weighted_sums, wp.float32)
+    kernel, kind = (lighting.weighted_sums_double_kernel, wp.float64) if double else (lighting.weighted_sums_kernel, wp.float32)
     launch(
         kernel,
         999,

@@ -8,10 +8,10 @@ from reference import displacement_costs, surface_cost
 
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
-from intaglio.relief.prepare import prepare_ground
-from intaglio.relief.propagate import Selection, State, choose_near_best
-from intaglio.relief.samples import sample_set
-from intaglio.relief.surface_metric import SurfaceMetric
+from intaglio.relief.ground.prepare import prepare_ground
+from intaglio.relief.growth.propagation import Selection, State, choose_near_best
+from intaglio.relief.growth.samples import sample_set
+from intaglio.relief.growth.surface_metric import SurfaceMetric
 from intaglio.scenes.patterns import cylinder_base
 
 

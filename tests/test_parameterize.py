@@ -11,6 +11,7 @@ from shapes import cylinder, grid, half_sphere, sphere, torus
 from intaglio import InputError, Surface, parameterize
 from intaglio.kernels.distortion import MIPS, STRETCH, Distortion
 from intaglio.kernels.launch import set_threads
+from intaglio.mesh.topology import border_loops
 from intaglio.parameterization.border import barrier, close_pairs, crosses_itself
 from intaglio.parameterization.charts import (
     Chart,
@@ -23,7 +24,6 @@ from intaglio.parameterization.charts import (
 from intaglio.parameterization.embedding import embedded, intrinsic_weights, mean_value_weights, relaxed
 from intaglio.parameterization.pictures import area_by_view, checkerboard, figures, layout_picture
 from intaglio.parameterization.seams import cut_open
-from intaglio.topology import border_loops
 
 
 def laid_flat(surface, **options):

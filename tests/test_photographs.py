@@ -29,6 +29,7 @@ from intaglio import (
     write_textured,
 )
 from intaglio.kernels.launch import launch, set_threads
+from intaglio.kernels.pull_push import continued
 from intaglio.kernels.texels import rasterize
 from intaglio.parameterization.charts import doubled_texture_areas
 from intaglio.photographs.blend import SplineBlend
@@ -36,7 +37,6 @@ from intaglio.photographs.exposure import exposure_gains
 from intaglio.photographs.selection import shrunk
 from intaglio.photographs.textured_mesh import coverage_levels
 from intaglio.photographs.vertex_colors import spread_colors
-from intaglio.pull_push import continued
 from intaglio.render import through_camera
 from intaglio.scenes.photographs import camera_towards
 

@@ -10,16 +10,16 @@ from intaglio import Surface
 from intaglio.kernels.approximate_search import ApproximateSearch, Patchwork
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
-from intaglio.relief import displacement_metric
-from intaglio.relief.channels import compare_by
-from intaglio.relief.displacement_metric import DisplacementMetric
-from intaglio.relief.levels import band, frames_along
-from intaglio.relief.parameters import choose_parameters, direction_share, noise_variance
-from intaglio.relief.plan import plan_search
-from intaglio.relief.prepare import prepare_ground
-from intaglio.relief.propagate import Selection, State
-from intaglio.relief.samples import sample_set
-from intaglio.render.compare import encode_srgb
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.relief.growth import displacement_metric
+from intaglio.relief.ground.prepare import prepare_ground
+from intaglio.relief.growth.comparison import compare_by
+from intaglio.relief.growth.displacement_metric import DisplacementMetric
+from intaglio.relief.growth.levels import band, frames_along
+from intaglio.relief.growth.parameters import choose_parameters, direction_share, noise_variance
+from intaglio.relief.growth.plan import plan_search
+from intaglio.relief.growth.propagation import Selection, State
+from intaglio.relief.growth.samples import sample_set
 from intaglio.scenes.patterns import grid_faces, plane_base
 
 PLANE = plane_base()

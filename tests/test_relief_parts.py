@@ -7,13 +7,13 @@ import pytest
 import trimesh
 
 import intaglio
-from intaglio.relief.base import Cylinder, Plane, Sphere, unit
-from intaglio.relief.extent import region_to_complete, sampling_distance, scan_lattice
-from intaglio.relief.frames import local_frames
-from intaglio.relief.prepare import prepare_ground
-from intaglio.relief.samples import sample_set
+from intaglio.mesh.base import Cylinder, Plane, Sphere, unit
+from intaglio.mesh.topology import Topology, border_edges, border_loops, unique_edges
+from intaglio.relief.ground.extent import region_to_complete, sampling_distance, scan_lattice
+from intaglio.relief.ground.frames import local_frames
+from intaglio.relief.ground.prepare import prepare_ground
+from intaglio.relief.growth.samples import sample_set
 from intaglio.scenes.patterns import cylinder_base, grid_faces
-from intaglio.topology import Topology, border_edges, border_loops, unique_edges
 
 
 @pytest.mark.parametrize("method", ["algebraic", "sweep", "reference"])

@@ -10,8 +10,8 @@ from intaglio import PhotometricStack, light_direction, represent, surface_maps
 from intaglio.photometric.relightable import KINDS
 from intaglio.photometric.rendering import bsdf_of
 from intaglio.render import Camera, Gloss, matte_bsdf, photometric_capture, relightable_bsdf, relit, relit_plane, variant
-from intaglio.render.photometric_capture import height_mesh, height_normals
-from intaglio.render.variant import mitsuba
+from intaglio.render.captures import height_mesh, height_normals
+from intaglio.render.variants import mitsuba
 
 LIGHT = light_direction(38, 41)
 LOW = light_direction(205, 78)

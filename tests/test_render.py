@@ -12,7 +12,7 @@ import trimesh
 
 import intaglio
 from intaglio.render import Camera, Light, compare, frame, range_scan, variant, view
-from intaglio.render.variant import llvm_version, usable_llvm
+from intaglio.render.variants import llvm_version, usable_llvm
 
 
 def sphere(subdivisions=4, radius=1.0):

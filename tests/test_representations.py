@@ -20,7 +20,7 @@ from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coef
 from intaglio.photometric.interpolation import grid_of, interpolate, smooth
 from intaglio.photometric.linear_fits import information
 from intaglio.photometric.relightable import KINDS
-from intaglio.photometric.represent import stack_moments
+from intaglio.photometric.representation import stack_moments
 
 # ---- exact facts ----
 

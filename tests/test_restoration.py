@@ -10,8 +10,8 @@ from intaglio import InputError, assess_restoration, restore, restore_in_detail
 from intaglio.restoration.fill import ORIENTATIONS, fill
 from intaglio.restoration.frequency import DEVIATION, chosen_kappa, deviations, low_band
 from intaglio.restoration.inpaint import inpaint
+from intaglio.restoration.pipeline import METHODS, _contrast_of_surroundings
 from intaglio.restoration.poisson import corrected
-from intaglio.restoration.restore import METHODS, _contrast_of_surroundings
 
 
 def texture(height=96, width=128, seed=0):

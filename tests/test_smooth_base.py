@@ -12,16 +12,16 @@ from intaglio import Surface
 from intaglio.kernels.geodesics import nearest_on_mesh, trace
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.polygons import least_area_triangles
-from intaglio.relief import thin_plate
-from intaglio.relief.displacement_metric import DisplacementMetric
-from intaglio.relief.holes import choose_holes, find_holes
-from intaglio.relief.patches import refined, triangulated_rim
-from intaglio.relief.prepare import prepare_ground
-from intaglio.relief.propagate import State
-from intaglio.relief.refine import _references
-from intaglio.relief.samples import sample_set
-from intaglio.relief.thin_plate import smoothed
-from intaglio.topology import Topology, border_edges, directed_edges, edge_keys, unique_edges
+from intaglio.mesh.topology import Topology, border_edges, directed_edges, edge_keys, unique_edges
+from intaglio.relief.ground import thin_plate
+from intaglio.relief.ground.holes import choose_holes, find_holes
+from intaglio.relief.ground.patches import refined, triangulated_rim
+from intaglio.relief.ground.prepare import prepare_ground
+from intaglio.relief.ground.thin_plate import smoothed
+from intaglio.relief.growth.displacement_metric import DisplacementMetric
+from intaglio.relief.growth.propagation import State
+from intaglio.relief.growth.refinement import _references
+from intaglio.relief.growth.samples import sample_set
 
 
 def ball(subdivisions=4, rough=0.0, seed=0):

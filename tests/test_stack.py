@@ -10,10 +10,10 @@ from stacks import dome, noisy, write_capture
 
 import intaglio
 from intaglio import FileError, InputError, PhotometricStack, light_direction, read_stack
+from intaglio.kernels.transfer import decode_srgb
 from intaglio.photometric.light_positions import read_light_positions, read_lights_csv, read_table
 from intaglio.photometric.mirror_sphere import fit_circle, lights_from_sphere
 from intaglio.photometric.stack import Exposure
-from intaglio.render.compare import decode_srgb
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def test_a_square_table_is_read_by_rows(tmp_path):
 def depth_of(path, samples):
     """Write 16-bit samples with steps far finer than 8 bits."""
     if path.suffix == ".png":
-        from intaglio.render.variant import mitsuba
+        from intaglio.render.variants import mitsuba
 
         mitsuba().Bitmap(samples).write(str(path))
     else:

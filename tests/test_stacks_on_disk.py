@@ -11,7 +11,7 @@ from intaglio import (
     read_stack,
     represent,
 )
-from intaglio.images import write_exr
+from intaglio.files.exr import write_exr
 from intaglio.photometric.relightable import KINDS
 
 

@@ -23,10 +23,10 @@ from intaglio import (
     write_relightable,
     write_web_planes,
 )
-from intaglio.images import read_exr, write_exr
+from intaglio.files.exr import read_exr, write_exr
+from intaglio.kernels.transfer import decode_srgb
 from intaglio.photometric.bases import HemisphericalBasis
 from intaglio.photometric.relightable import KINDS
-from intaglio.render.compare import decode_srgb
 
 LIGHTS = np.array([light_direction(t, s) for t, s in ((20, 15), (130, 40), (250, 50))])
 

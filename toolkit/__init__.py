@@ -1,6 +1,7 @@
 """Intaglio completes, synthesises and relights the fine surface texture of real objects."""
 
 from intaglio.errors import FileError, FitError, InputError, IntaglioError, IntaglioWarning
+from intaglio.files import read_exr, read_image, write_exr, write_image
 from intaglio.geometry import (
     GeometryReport,
     GeometryTexture,
@@ -16,9 +17,7 @@ from intaglio.geometry import (
     wrap_geometry,
     write_points,
 )
-from intaglio.images import read_exr, read_image, write_exr, write_image
-from intaglio.mesh_reading import read_surface
-from intaglio.mesh_writing import write_surface
+from intaglio.mesh import Surface, read_surface, surface_from_points, surface_from_range_image, write_surface
 from intaglio.parameterization import Parameterization, parameterize
 from intaglio.photographs import (
     Binding,
@@ -59,7 +58,6 @@ from intaglio.photometric import (
     write_relightable,
     write_web_planes,
 )
-from intaglio.ranks import Friedman, MultipleComparison, friedman, multiple_comparison, read_ranks
 from intaglio.relief import (
     Base,
     Cylinder,
@@ -76,13 +74,17 @@ from intaglio.relief import (
     write_relief_report,
 )
 from intaglio.restoration import Restoration, RestorationReport, assess_restoration, restore, restore_in_detail
-from intaglio.surface import Surface, surface_from_points, surface_from_range_image
 from intaglio.synthesis import (
+    Friedman,
+    MultipleComparison,
     Synthesis,
     SynthesisReport,
     assess_synthesis,
+    friedman,
     grow,
+    multiple_comparison,
     quilt,
+    read_ranks,
     synthesize,
     synthesize_each_light,
 )

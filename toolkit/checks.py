@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 
 
@@ -44,7 +46,7 @@ def checked_positive(name: str, value: float) -> float:
     return number
 
 
-def checked_finite(name: str, value: object) -> np.ndarray:
+def checked_finite(name: str, value: object) -> Array:
     """Return ``value`` as a float64 array, or raise `InputError` if it is no array of finite real numbers."""
     try:
         array = np.asarray(value)
@@ -59,9 +61,33 @@ def checked_finite(name: str, value: object) -> np.ndarray:
     return np.ascontiguousarray(array, np.float64)
 
 
-def checked_vectors(name: str, value: object) -> np.ndarray:
+def checked_vectors(name: str, value: object) -> Array:
     """Return ``value`` as an (N, 3) float64 array of finite numbers, or raise `InputError`."""
     array = checked_finite(name, value)
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{name} must be an (N, 3) array, not {array.shape}")
+    return array
+
+
+def checked_numeric(name: str, value: ArrayLike, dtype: type) -> Array:
+    """Return ``value`` as a contiguous array of ``dtype``, or raise `InputError` if it is no array of real numbers."""
+    try:
+        if np.iscomplexobj(value):
+            raise InputError(f"{name} must be real numbers")
+        return np.ascontiguousarray(value, dtype)
+    except (TypeError, ValueError) as problem:
+        if isinstance(problem, InputError):
+            raise
+        raise InputError(f"{name} is no array of numbers ({problem})") from problem
+
+
+def checked_rows(name: str, value: Array, dtype: type, count: int | None = None) -> Array:
+    """Return ``value`` as an (N, 3) array of finite numbers, N being ``count`` if given, or raise `InputError`."""
+    array = checked_numeric(name, value, dtype)
+    if array.ndim != 2 or array.shape[1] != 3 or (count is not None and len(array) != count):
+        raise InputError(f"{name} must have shape ({'N' if count is None else count}, 3), not {array.shape}")
+    finite = np.isfinite(array).all(axis=1)
+    if not finite.all():
+        first = int(np.flatnonzero(~finite)[0])
+        raise InputError(f"{name}: {(~finite).sum()} rows are not finite, the first is row {first}: {array[first]}")
     return array

@@ -5,29 +5,54 @@ The same seed gives the same bits whatever the number of threads or the order of
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 
 
-def _mix(z: np.ndarray) -> np.ndarray:
+class Stream(IntEnum):
+    """What random numbers are for: every use in Intaglio has a stream of its own, so that no two share numbers.
+
+    A number that stands here is never given to another use: it would change the bits of finished work.
+    """
+
+    RELIEF_PICK = 1
+    RELIEF_SHUFFLE = 2
+    RELIEF_REFINE = 3
+    RELIEF_LANDMARKS = 4
+    RELIEF_THINNING = 5
+    RELIEF_LEVELS = 6
+    RELIEF_NOISE = 7
+    QUILT_CHOICE = 40
+    GROW_EXHAUSTIVE = 41
+    GROW_START = 42
+    SYNTHESIS_DIRECTIONS = 43
+    POINTS_THINNING = 62
+    POINTS_PLACES = 63
+    GEOMETRY_PATCH = 64
+
+
+def _mix(z: Array) -> Array:
     """Return the bits of ``z`` mixed by SplitMix64's finaliser (Steele, Lea & Flood 2014)."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return z ^ (z >> np.uint64(31))
 
 
-def uniform(seed: int, stream: int, *keys: np.ndarray | int) -> np.ndarray:
+def uniform(seed: int, stream: int, *keys: Array | int) -> Array:
     """Return numbers in [0, 1), one for every element of the broadcast integer ``keys``.
 
     Parameters
     ----------
     seed : int
         The user's seed, any integer.
-    stream : int
-        Says what the numbers are for, so that two uses never share them.
+    stream : Stream or int
+        What the numbers are for.
     keys : integer arrays
         Element numbers, such as vertex and attempt.
     """

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator, SuperLU, cg, splu
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 # Up to so many unknowns are solved directly; more by conjugate gradients from a start that is close.
 DIRECT = 40_000

@@ -18,7 +18,7 @@ import numpy as np
 from intaglio import PhotometricStack, Relightable, light_direction, read_stack, represent
 from intaglio.kernels.lighting import robust_normals, weighted_sums
 from intaglio.photometric.bases import PolynomialBasis, coefficients
-from intaglio.photometric.represent import BRIGHT_SHARE, DARK_SHARE
+from intaglio.photometric.representation import BRIGHT_SHARE, DARK_SHARE
 from tests.benchmarks.timing import best
 
 

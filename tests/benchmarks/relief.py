@@ -201,10 +201,10 @@ def one_size(size: int, device: str) -> None:
 def recall(device: str) -> None:
     """What the approximate search finds of what the exhaustive one finds, and at what cost, on two scenes."""
     print("approximate search against exhaustive: every eighth target of a grown surface, whole neighbourhoods")
-    from intaglio.relief.displacement_metric import DisplacementMetric
-    from intaglio.relief.prepare import prepare_ground
-    from intaglio.relief.propagate import Selection, grow_relief
-    from intaglio.relief.samples import sample_set
+    from intaglio.relief.ground.prepare import prepare_ground
+    from intaglio.relief.growth.displacement_metric import DisplacementMetric
+    from intaglio.relief.growth.propagation import Selection, grow_relief
+    from intaglio.relief.growth.samples import sample_set
     from intaglio.scenes.ball import ball
     from intaglio.scenes.golf_ball import one_view
 

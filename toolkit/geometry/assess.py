@@ -10,14 +10,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.stats import wasserstein_distance
 
+from intaglio.arrays import Array
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.geometry.point_set import GeometryTexture, PointSet, checked_points
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps
-
-Array = np.ndarray
 
 # Neighbours of one surface have normals this alike (cosine).
 _ALIKE = 0.7

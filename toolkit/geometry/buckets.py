@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 # What is known of every point: place and normal in the swatch's frame, Pauly's surface variation, the swatch point it comes
 # from, how far warp and blending moved it, and the patch that laid it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 
 def cluster(points: Array, group: Array, *, largest: Array, smallest: Array, flatness: float) -> Array:

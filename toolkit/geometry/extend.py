@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from intaglio.arrays import Array, Progress
 from intaglio.checks import checked_count, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -17,8 +16,6 @@ from intaglio.geometry.point_set import GeometryTexture, PointSet
 from intaglio.geometry.spreading import spread
 from intaglio.geometry.swatch import Swatch
 from intaglio.randomness import checked_seed
-
-Array = np.ndarray
 
 # More points than this are not attempted: they would need more memory than a workstation has.
 _MOST_POINTS = 200_000_000
@@ -47,7 +44,7 @@ def extend_geometry(
     toroidal: bool = False,
     seed: int = 0,
     device: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> PointSet:
     """Make a large piece of a geometry texture from a swatch, patch by patch.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.geometry.buckets import RECORD, within
 from intaglio.geometry.clustering import cluster
 from intaglio.geometry.layout import PatchPlace
@@ -13,8 +14,6 @@ from intaglio.geometry.warping import mean_moves, most_coherent, solve_splines
 from intaglio.kernels.pairing import PairCosts, Targets, pair_points
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.splines import warp_points
-
-Array = np.ndarray
 
 # Surface variation up to which a cluster of targets is left whole.
 _FLATNESS = 0.03

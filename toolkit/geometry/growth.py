@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
+from intaglio.arrays import Array, Progress
 from intaglio.geometry.buckets import Buckets, within
 from intaglio.geometry.fitting import PatchFitter
 from intaglio.geometry.layout import Layout, PatchPlace
@@ -13,13 +12,10 @@ from intaglio.geometry.options import Settings
 from intaglio.geometry.swatch import Swatch, layer_heights
 from intaglio.kernels.distance_fields import Overlaps, PatchSearch, candidates, signed_distance
 from intaglio.kernels.point_surface import PointSurface
-from intaglio.randomness import uniform
-
-Array = np.ndarray
+from intaglio.randomness import Stream, uniform
 
 # Patches worked on at once; bounds memory.
 _AT_ONCE = 32
-_PATCH = 64
 # A patch of fewer nodes a side is not divided further.
 _FEWEST_NODES = 6
 # Places of so many patches without a candidate are told.
@@ -61,7 +57,7 @@ class Growth:
         self._search = PatchSearch(field, swatch.device)
         self._fitter = PatchFitter(swatch, settings)
 
-    def grow(self, progress: Callable[[int, int], None] | None = None) -> None:
+    def grow(self, progress: Progress | None = None) -> None:
         """Lay all patches."""
         done, total = 0, len(self.layout.places)
         for level in self.layout.levels:
@@ -149,7 +145,7 @@ class Growth:
         for b, place in enumerate(places):
             allowed = candidates(distance[b], self.settings.tolerance)
             # Quarters of a patch share its number; their places tell them apart.
-            pick = uniform(self.seed, _PATCH, place.number, place.part)
+            pick = uniform(self.seed, Stream.GEOMETRY_PATCH, place.number, place.part)
             index = allowed[int(pick * len(allowed))]
             begins.append(np.array(np.unravel_index(index, positions)) * cell)
             errors[b] = np.sqrt(distance[b].min() / max(first[b + 1] - first[b], 1))

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
+from intaglio.arrays import Array
 from intaglio.checks import checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
@@ -16,10 +17,7 @@ from intaglio.geometry.sampling import local_spacing
 from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.distance_fields import signed_distance
 from intaglio.kernels.point_surface import PointSurface
-from intaglio.surface import Surface
-from intaglio.topology import border_edges, pieces
-
-Array = np.ndarray
+from intaglio.mesh import Surface, border_edges, pieces
 
 _MOST_NODES = 150_000_000
 # Nodes this many cells, and this many distances of samples, from a sample get a distance of their own.

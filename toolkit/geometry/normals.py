@@ -7,10 +7,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.geometry.point_set import plane_axes
-
-Array = np.ndarray
 
 # Neighbours a plane is fitted to, and those along which sides are handed on.
 _PLANE, _GRAPH, _AROUND = 12, 8, 24

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.checks import checked_number
 from intaglio.errors import InputError
 from intaglio.geometry.normals import is_height_field
 from intaglio.geometry.point_set import GeometryTexture
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_finite, checked_vectors
 from intaglio.errors import InputError
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class PointSet:
             },
         )
 
-    def write(self, path: str | os.PathLike[str]) -> None:
+    def write(self, path: PathLike) -> None:
         """Write PLY, XYZ or OBJ points; see `write_points`."""
         from intaglio.geometry.writing import write_points
 

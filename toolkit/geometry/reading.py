@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,15 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_number, checked_positive
 from intaglio.errors import FileError, InputError
-from intaglio.files import check_readable
+from intaglio.files import READABLE_SUFFIXES, check_readable, read_image, read_samples
 from intaglio.geometry.point_set import GeometryTexture
 from intaglio.geometry.texture import geometry_from_height, geometry_from_mesh, geometry_from_points
-from intaglio.images import READABLE_SUFFIXES, read_image, read_samples
-from intaglio.mesh_reading import load_mesh, vertex_colors
-
-Array = np.ndarray
+from intaglio.mesh import load_mesh, vertex_colors
 
 POINT_FILES = (".xyz", ".txt", ".pts")
 _MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
@@ -27,7 +24,7 @@ _RELIEF = 1 / 30
 
 
 def read_geometry_texture(
-    path: str | os.PathLike[str],
+    path: PathLike,
     *,
     bounds: Array | None = None,
     axis: int | str | None = None,

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from intaglio.arrays import Array, PathLike
+from intaglio.files import listing, picture_row, write_page
 from intaglio.geometry.assess import GeometryReport
 from intaglio.geometry.mesh import mesh_geometry
 from intaglio.geometry.point_set import GeometryTexture, PointSet, plane_axes
-from intaglio.html_page import listing, picture_row, write_page
-from intaglio.render.view import Light, frame, view
-from intaglio.surface import Surface
-from intaglio.topology import used_vertices
-
-Array = np.ndarray
+from intaglio.mesh import Surface, used_vertices
+from intaglio.render import Light, frame, view
 
 # Towards the eye, in the frame (u, v, height): from above, and aslant.
 VIEWS = {"from above": (0.0, -0.05, 1.0), "aslant": (0.25, -0.8, 0.75)}
@@ -59,7 +56,7 @@ def provenance_colors(points: PointSet, texture: GeometryTexture) -> Array:
 
 
 def write_geometry_report(
-    path: str | os.PathLike[str],
+    path: PathLike,
     points: PointSet,
     texture: GeometryTexture,
     report: GeometryReport,

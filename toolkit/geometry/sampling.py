@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-from intaglio.randomness import uniform
-
-Array = np.ndarray
+from intaglio.randomness import Stream, uniform
 
 # A Poisson-disk choice of radius r has about one sample on (1.28 r)².
 RADIUS = 1 / 1.28
@@ -20,7 +19,6 @@ _DENSE = 8
 _USUAL = 50_000
 # More would take more than a few GiB to spread.
 _MOST = 2e6
-_STREAM, _PLACES = 62, 63
 # Samples of largest density measured: more would only cost time.
 _MEASURED = 20_000
 
@@ -65,7 +63,7 @@ def thinned(points: Array, normals: Array, radius: float, seed: int = 0) -> Arra
     Points are taken in random order, all that are first among their undecided neighbours at once, which is what taking them
     one by one gives.
     """
-    rank = np.argsort(np.argsort(uniform(seed, _STREAM, np.arange(len(points))), kind="stable"))
+    rank = np.argsort(np.argsort(uniform(seed, Stream.POINTS_THINNING, np.arange(len(points))), kind="stable"))
     every = _first_in_cells(points, normals, radius / 3, rank)
     points, normals, rank = points[every], normals[every], rank[every]
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
@@ -118,9 +116,9 @@ def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed:
         )
     number = np.arange(max(int(_DENSE * count), 1))
     # Stratified along the running area: as even as random places can be.
-    where = (number + uniform(seed, _PLACES, number, 0)) / len(number) * total
+    where = (number + uniform(seed, Stream.POINTS_PLACES, number, 0)) / len(number) * total
     face = np.minimum(np.searchsorted(np.cumsum(area), where), len(faces) - 1)
-    u, v = uniform(seed, _PLACES, number, 1), uniform(seed, _PLACES, number, 2)
+    u, v = uniform(seed, Stream.POINTS_PLACES, number, 1), uniform(seed, Stream.POINTS_PLACES, number, 2)
     root = np.sqrt(u)
     weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
     points = np.einsum("nk,nkc->nc", weights, vertices[faces[face]])

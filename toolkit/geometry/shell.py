@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_count, checked_finite, checked_number, checked_positive, checked_vectors
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -15,10 +15,7 @@ from intaglio.files import check_readable
 from intaglio.geometry.options import one_or_two
 from intaglio.geometry.point_set import PointSet, axis_number, checked_points, plane_axes
 from intaglio.kernels.shells import Shell
-from intaglio.mesh_reading import load_mesh
-from intaglio.surface import vertex_normals
-
-Array = np.ndarray
+from intaglio.mesh import load_mesh, vertex_normals
 
 
 def wrap_geometry(
@@ -130,7 +127,7 @@ def wrap_geometry(
     return replace(whole, notes=(*points.notes, note))
 
 
-def read_uv_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:
+def read_uv_mesh(path: PathLike) -> tuple[Array, Array, Array]:
     """Return vertices (N, 3), faces (F, 3) and texture coordinates (N, 2) of a mesh file that has them.
 
     Raises

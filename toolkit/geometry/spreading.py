@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.geometry.sampling import thinned
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps, repelled
-
-Array = np.ndarray
 
 # Of the sum of all pushes, how much a point moves in a round.
 _STRENGTH = 0.25

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.geometry.buckets import RECORD, Buckets
 from intaglio.geometry.point_set import GeometryTexture
 from intaglio.geometry.sampling import usual_nearest
 from intaglio.kernels.distance_fields import signed_distance
 from intaglio.kernels.point_surface import PointSurface
-
-Array = np.ndarray
 
 # Support of the point surface's weights, in distances of samples: about 20 neighbours.
 SUPPORT = 2.5

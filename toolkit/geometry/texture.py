@@ -9,15 +9,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from intaglio.arrays import Array
 from intaglio.checks import checked_positive, checked_vectors
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.geometry.normals import estimate_normals
 from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number, plane_axes
 from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thinned
+from intaglio.mesh import grid_faces
 from intaglio.randomness import checked_seed
-from intaglio.topology import grid_faces
-
-Array = np.ndarray
 
 _FEWEST = 32
 # Share of a height map that may be steeper than 45° before its pixels are too uneven as samples.

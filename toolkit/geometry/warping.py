@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.kernels.splines import Splines
-
-Array = np.ndarray
 
 # Numbers in the systems that are solved together; bounds memory.
 _SYSTEM_NUMBERS = 2e7

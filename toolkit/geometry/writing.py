@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError, InputError
 from intaglio.files import whole_file
-from intaglio.mesh_writing import color_fields, ply_table
+from intaglio.mesh import color_fields, ply_table
 
 if TYPE_CHECKING:
     from intaglio.geometry.point_set import PointSet
 
-Array = np.ndarray
-
 POINT_SUFFIXES = (".ply", ".xyz", ".obj")
 
 
-def write_points(points: PointSet, path: str | os.PathLike[str]) -> None:
+def write_points(points: PointSet, path: PathLike) -> None:
     """Write points.
 
     PLY (binary, positions in double precision) keeps everything: normals, ``source``, ``moved``, ``patch``, colours, and the

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-
-Array = np.ndarray
 
 
 def atlas(vertices: Array, faces: Array, *, texels: int = 1024, padding: int = 4) -> tuple[Array, Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 
 def crosses_itself(points: Array) -> bool:

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.parameterization.charts import Chart, doubled_texture_areas, flat_edges, inverses, squared_stretches
-
-Array = np.ndarray
 
 
 def convex_border(chart: Chart, shape: str) -> Array:

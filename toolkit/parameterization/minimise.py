@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from intaglio.arrays import Array, Progress
 from intaglio.kernels.distortion import Distortion
 from intaglio.parameterization.border import barrier, close_pairs, crosses_itself
 from intaglio.parameterization.charts import Chart, doubled_texture_areas
-
-Array = np.ndarray
 
 # A step goes at most this share of the way to where the first triangle would be flat.
 _SHORT_OF_FLAT = 0.9
@@ -45,7 +43,7 @@ def minimised(
     free: bool,
     iterations: int,
     tolerance: float,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> tuple[Array, int]:
     """Return positions (N, 2) of lower distortion than ``uv``, which must have no flips, and the Newton steps taken.
 

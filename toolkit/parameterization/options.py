@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from intaglio.arrays import Array
 from intaglio.checks import checked_choice
 from intaglio.errors import InputError
-from intaglio.surface import Surface, vertex_normals
-
-Array = np.ndarray
+from intaglio.mesh import Surface, vertex_normals
 
 ENERGIES = ("stretch", "stretch-max", "mips", "intrinsic", "mean-value")
 BOUNDARIES = ("free", "circle", "square")

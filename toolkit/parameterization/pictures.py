@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from intaglio.arrays import Array
+from intaglio.kernels.transfer import decode_srgb
+from intaglio.mesh import Surface
 from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas
 from intaglio.parameterization.result import Parameterization
-from intaglio.render.compare import decode_srgb
-from intaglio.surface import Surface
-
-Array = np.ndarray
 
 
 def checkerboard(size: int = 1024, squares: int = 32) -> Array:

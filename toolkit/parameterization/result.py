@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array
+from intaglio.mesh import Surface, pieces
 from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, inverses, squared_stretches
-from intaglio.surface import Surface
-from intaglio.topology import pieces
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

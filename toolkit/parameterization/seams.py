@@ -6,9 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from intaglio.topology import directed_edges, edge_keys, following, opposite_edges, unique_edges
-
-Array = np.ndarray
+from intaglio.arrays import Array
+from intaglio.mesh import directed_edges, edge_keys, following, opposite_edges, unique_edges
 
 
 def cut_open(faces: Array, count: int, seam: Array) -> tuple[Array, Array]:

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
+from intaglio.mesh import Surface, Topology, border_loops, directed_edges, edge_keys, pieces, unique_edges, used_vertices
 from intaglio.parameterization.charts import doubled_areas
-from intaglio.surface import Surface
-from intaglio.topology import Topology, border_loops, directed_edges, edge_keys, pieces, unique_edges, used_vertices
-
-Array = np.ndarray
 
 # A triangle whose height is below this share of its longest side has no area as far as its angles can be told.
 _FLAT = 1e-10

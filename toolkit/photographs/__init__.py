@@ -1,15 +1,20 @@
 """Texturing a mesh from photographs (Yamauchi et al. 2005, section 4)."""
 
 from intaglio.photographs.assess import ViewComparison, border_step, compare_with_photograph
-from intaglio.photographs.binding import Binding, bind_photographs
+from intaglio.photographs.binding import BACKGROUND_THRESHOLD, Binding, bind_photographs
 from intaglio.photographs.camera import Camera, Photograph
 from intaglio.photographs.camera_files import read_photographs
 from intaglio.photographs.combine import combine_photographs
+from intaglio.photographs.exposure import exposure_gains
+from intaglio.photographs.report import pictures, write_texture_report
 from intaglio.photographs.restored import restore_texture
 from intaglio.photographs.texture import Texture
-from intaglio.photographs.textured_mesh import write_textured
+from intaglio.photographs.textured_mesh import TEXTURED_SUFFIXES, files_of, write_textured
+from intaglio.photographs.vertex_colors import bound_colors, spread_colors
 
 __all__ = [
+    "BACKGROUND_THRESHOLD",
+    "TEXTURED_SUFFIXES",
     "Binding",
     "Camera",
     "Photograph",
@@ -17,9 +22,15 @@ __all__ = [
     "ViewComparison",
     "bind_photographs",
     "border_step",
+    "bound_colors",
     "combine_photographs",
     "compare_with_photograph",
+    "exposure_gains",
+    "files_of",
+    "pictures",
     "read_photographs",
     "restore_texture",
+    "spread_colors",
+    "write_texture_report",
     "write_textured",
 ]

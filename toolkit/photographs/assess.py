@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.mesh import Surface
 from intaglio.parameterization import Parameterization
 from intaglio.photographs.camera import Photograph
 from intaglio.photographs.texture import Texture
 from intaglio.render import Comparison, compare, through_camera
-from intaglio.render.compare import encode_srgb
-from intaglio.surface import Surface
-
-Array = np.ndarray
 
 # Texels beside a border that count as the texture there.
 _BESIDE = 6

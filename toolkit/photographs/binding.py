@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from intaglio.arrays import Array, Progress
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.kernels.pictures import Picture
 from intaglio.kernels.surface_views import SurfaceViews
+from intaglio.kernels.transfer import decode_srgb, encode_srgb
+from intaglio.mesh import Surface, unique_edges, used_vertices, vertex_normals
 from intaglio.photographs.camera import Camera, Photograph
-from intaglio.render.compare import decode_srgb, encode_srgb
-from intaglio.surface import Surface, vertex_normals
-from intaglio.topology import unique_edges, used_vertices
-
-Array = np.ndarray
-Progress = Callable[[int, int], None]
 
 # Distance from the background's colour, of display values, within which a vertex lies on it.
 BACKGROUND_THRESHOLD = 0.06

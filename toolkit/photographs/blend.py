@@ -6,9 +6,8 @@ import numpy as np
 import warp as wp
 from scipy import ndimage
 
+from intaglio.arrays import Array
 from intaglio.kernels.pyramids import add_band, collapsed, expanded, normalized, reduced, uploaded
-
-Array = np.ndarray
 
 # The coarsest level has no side shorter than this.
 _LEAST_SIDE = 8

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-from intaglio.images import read_image
-
-Array = np.ndarray
+from intaglio.files import read_image
 
 # Entries of R R^T may differ from the identity's by this much: calibrations are printed with six digits.
 _ROTATION = 1e-3

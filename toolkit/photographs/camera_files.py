@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -11,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError, InputError
-from intaglio.files import check_readable
-from intaglio.images import READABLE_SUFFIXES, read_samples
+from intaglio.files import READABLE_SUFFIXES, check_readable, read_samples
 from intaglio.photographs.camera import Camera, Photograph
 
-Array = np.ndarray
 
-
-def read_photographs(path: str | os.PathLike[str], *, images: str | os.PathLike[str] | None = None) -> list[Photograph]:
+def read_photographs(path: PathLike, *, images: PathLike | None = None) -> list[Photograph]:
     """Read cameras and find their photographs. The pictures themselves are read when they are needed.
 
     Parameters

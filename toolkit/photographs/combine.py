@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array, Progress
 from intaglio.checks import checked_choice
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pictures import Picture
+from intaglio.kernels.pull_push import continued
 from intaglio.kernels.surface_views import SurfaceViews
 from intaglio.kernels.texels import rasterize
+from intaglio.mesh import Surface, pieces, vertex_normals
 from intaglio.parameterization import Parameterization
 from intaglio.photographs.binding import Binding, bind_photographs, checked_photographs
 from intaglio.photographs.blend import ChartBlend
@@ -22,13 +25,7 @@ from intaglio.photographs.seam_levelling import level_seams
 from intaglio.photographs.selection import best_photograph, shrunk
 from intaglio.photographs.texture import Texture
 from intaglio.photographs.vertex_colors import bound_colors, spread_colors
-from intaglio.pull_push import continued
-from intaglio.surface import Surface, vertex_normals
-from intaglio.synthesis.sample import checked_size
-from intaglio.topology import pieces
-
-Array = np.ndarray
-Progress = Callable[[int, int], None]
+from intaglio.synthesis import checked_size
 
 _MOST_TEXELS = 16384
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.photographs.binding import Binding
-
-Array = np.ndarray
 
 # Linear values outside this are noise or clipped, and say nothing about ratios.
 _DARKEST, _BRIGHTEST = 0.01, 0.95

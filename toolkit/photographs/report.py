@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from intaglio.html_page import listing, picture_row, table, write_page
-from intaglio.parameterization import Parameterization
-from intaglio.parameterization.pictures import checkerboard, figures, layout_picture
+from intaglio.arrays import Array, PathLike
+from intaglio.files import listing, picture_row, table, write_page
+from intaglio.kernels.transfer import decode_srgb
+from intaglio.mesh import Surface
+from intaglio.parameterization import Parameterization, checkerboard, figures, layout_picture
 from intaglio.photographs.assess import border_step
 from intaglio.photographs.texture import Texture
 from intaglio.render import frame, lit_texture
-from intaglio.render.compare import decode_srgb
-from intaglio.surface import Surface
-
-Array = np.ndarray
 
 # Colours that stand for photographs, in turn; made-up texels are dark, what is outside is white.
 _TINTS = np.array(
@@ -78,7 +75,7 @@ def pictures(
 
 
 def write_texture_report(
-    path: str | os.PathLike[str],
+    path: PathLike,
     mesh: Surface,
     laid: Parameterization,
     texture: Texture,

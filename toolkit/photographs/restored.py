@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Progress
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
+from intaglio.kernels.pull_push import continued
+from intaglio.kernels.transfer import decode_srgb, encode_srgb
 from intaglio.photographs.texture import Texture
-from intaglio.pull_push import continued
-from intaglio.render.compare import decode_srgb, encode_srgb
 from intaglio.restoration import restore_in_detail
-
-Array = np.ndarray
 
 
 def restore_texture(
@@ -23,7 +21,7 @@ def restore_texture(
     method: str = "split",
     *,
     device: str | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     **options: Any,
 ) -> Texture:
     """Return a texture whose unknown texels are restored from the known ones; neighbourhoods stay within their chart.

@@ -6,11 +6,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from intaglio.arrays import Array
+from intaglio.mesh import Surface, directed_edges, following, opposite_edges, unique_edges
 from intaglio.sparse import solved
-from intaglio.surface import Surface
-from intaglio.topology import directed_edges, following, opposite_edges, unique_edges
-
-Array = np.ndarray
 
 # Weight of agreement across a seam, and of leaving vertices as they are, against smoothness along an edge.
 _AGREE, _STAY = 100.0, 0.01

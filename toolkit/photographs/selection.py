@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from intaglio.arrays import Array
+from intaglio.mesh import adjacency
 from intaglio.photographs.binding import Binding
-from intaglio.topology import adjacency
-
-Array = np.ndarray
 
 # Rounds in which scores are averaged with those of neighbours, so that regions are large and their borders short.
 _ROUNDS = 15

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_writable, whole_file
-from intaglio.mesh_writing import check_single_precision
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.mesh import Surface, check_single_precision
 from intaglio.parameterization import Parameterization
 from intaglio.photographs.texture import Texture
-from intaglio.render.compare import encode_srgb
-from intaglio.surface import Surface
-
-Array = np.ndarray
 
 TEXTURED_SUFFIXES = (".glb", ".gltf", ".obj")
 
@@ -26,7 +23,7 @@ TEXTURED_SUFFIXES = (".glb", ".gltf", ".obj")
 OUTSIDE, MADE_UP = 0, 1
 
 
-def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path: str | os.PathLike[str]) -> list[Path]:
+def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path: PathLike) -> list[Path]:
     """Write a mesh with its texture, and beside it which texels come from which photograph.
 
     The colour picture is 8-bit sRGB. Its alpha says what was photographed (255) and what was made up (254, which no viewer
@@ -78,7 +75,7 @@ def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path
     return written
 
 
-def files_of(path: str | os.PathLike[str]) -> list[Path]:
+def files_of(path: PathLike) -> list[Path]:
     """Return the files that `write_textured` writes for ``path``."""
     path = Path(path)
     stem = re.sub(r"\s+", "_", path.stem)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
+from intaglio.mesh import adjacency
 from intaglio.photographs.binding import Binding
-from intaglio.topology import adjacency
-
-Array = np.ndarray
 
 # Shares of coloured neighbours that the paper's passes ask for; the last takes any.
 _PASSES = (0.8, 0.6, 0.4, 0.2, 0.0)

@@ -1,38 +1,59 @@
 """Image stacks to relightable representations (Dong, Three-dimensional Surface Texture Synthesis, chapters 3 and 4)."""
 
 from intaglio.photometric.assess import RepresentationReport, assess_representation
+from intaglio.photometric.bases import LambertBasis
+from intaglio.photometric.exr_file import ATTRIBUTE
 from intaglio.photometric.heights import Integrability, gradients_from_height, height_from_gradients, integrability
-from intaglio.photometric.light_positions import light_direction, tilt_and_slant
-from intaglio.photometric.materials import height_of, write_gltf, write_maps
+from intaglio.photometric.light_positions import light_direction, read_light_positions, tilt_and_slant
+from intaglio.photometric.materials import MAP_NAMES, height_of, write_gltf, write_maps
 from intaglio.photometric.mirror_sphere import SphereLights, fit_circle, lights_from_sphere
 from intaglio.photometric.normals import SurfaceMaps, surface_maps
-from intaglio.photometric.reading import read_stack
-from intaglio.photometric.relightable import Relightable
-from intaglio.photometric.represent import represent
-from intaglio.photometric.stack import PhotometricStack
+from intaglio.photometric.reading import STACK_SUFFIXES, read_stack
+from intaglio.photometric.relightable import KINDS, Relightable
+from intaglio.photometric.rendering import bsdf_of, render_on_mesh
+from intaglio.photometric.report import Reports, assess_kinds, assessment_lines, polar_plot, write_assessment
+from intaglio.photometric.representation import integrable, represent
+from intaglio.photometric.stack import Exposure, PhotometricStack, checked_lights
 from intaglio.photometric.web_planes import write_web_planes
-from intaglio.photometric.writing import read_relightable, write_relightable
+from intaglio.photometric.writing import TEXTURE_SUFFIXES, read_relightable, write_relightable
 
 __all__ = [
+    "ATTRIBUTE",
+    "KINDS",
+    "MAP_NAMES",
+    "STACK_SUFFIXES",
+    "TEXTURE_SUFFIXES",
+    "Exposure",
     "Integrability",
+    "LambertBasis",
     "PhotometricStack",
     "Relightable",
+    "Reports",
     "RepresentationReport",
     "SphereLights",
     "SurfaceMaps",
+    "assess_kinds",
     "assess_representation",
+    "assessment_lines",
+    "bsdf_of",
+    "checked_lights",
     "fit_circle",
     "gradients_from_height",
     "height_from_gradients",
     "height_of",
     "integrability",
+    "integrable",
     "light_direction",
     "lights_from_sphere",
+    "polar_plot",
+    "read_light_positions",
     "read_relightable",
     "read_stack",
+    "render_on_mesh",
     "represent",
     "surface_maps",
     "tilt_and_slant",
+    "write_assessment",
     "write_gltf",
     "write_maps",
     "write_relightable",

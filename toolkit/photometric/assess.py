@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array, Progress
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.lighting import weighted_sums
 from intaglio.photometric.linear_fits import LINEAR_KINDS, Settings, prediction, reconstruction
 from intaglio.photometric.relightable import KINDS
-from intaglio.photometric.represent import linear_fit, represent, stack_moments
+from intaglio.photometric.representation import linear_fit, represent, stack_moments
 from intaglio.photometric.stack import PhotometricStack
-
-Array = np.ndarray
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-
-Array = np.ndarray
 
 
 class Maths(Protocol):

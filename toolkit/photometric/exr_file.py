@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 
 import numpy as np
 
+from intaglio.arrays import PathLike
 from intaglio.errors import FileError, InputError
-from intaglio.images import read_exr, write_exr
+from intaglio.files import read_exr, write_exr
 from intaglio.photometric.bases import (
     Basis,
     HemisphericalBasis,
@@ -19,8 +19,6 @@ from intaglio.photometric.bases import (
 )
 from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, GridBasis, RadialBasis, TriangleBasis
 from intaglio.photometric.relightable import Relightable
-
-Array = np.ndarray
 
 ATTRIBUTE = "intaglioRelightable"
 VERSION = 1
@@ -35,7 +33,7 @@ _BASES: dict[str, type] = {
 }
 
 
-def write_relightable_exr(texture: Relightable, path: str | os.PathLike[str]) -> None:
+def write_relightable_exr(texture: Relightable, path: PathLike) -> None:
     """Write all of a texture: channels ``map00.R``, …, and what its basis needs in the header, as JSON.
 
     Channels are 32-bit floats and the basis' numbers are written in full, so that `read_relightable_exr` gives the same bits.
@@ -52,7 +50,7 @@ def write_relightable_exr(texture: Relightable, path: str | os.PathLike[str]) ->
     write_exr(channels, path, metadata={ATTRIBUTE: json.dumps(described)})
 
 
-def read_relightable_exr(path: str | os.PathLike[str]) -> Relightable:
+def read_relightable_exr(path: PathLike) -> Relightable:
     """Read what `write_relightable_exr` wrote.
 
     Raises

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.photometric.bases import Basis, NumpyMaths
 from intaglio.photometric.light_positions import tilt_and_slant
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
 import warnings
 from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import InputError
 from intaglio.files import check_readable
-
-Array = np.ndarray
 
 
 def light_direction(tilt: float, slant: float) -> Array:
@@ -42,7 +40,7 @@ def spread_lights(count: int, lowest: float) -> Array:
     return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
 
 
-def read_light_positions(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
+def read_light_positions(path: PathLike) -> tuple[list[str], Array]:
     """Read an .lp file: a line with the number of images, which may be missing, then ``name x y z`` a line.
 
     Parameters
@@ -89,7 +87,7 @@ def read_light_positions(path: str | os.PathLike[str]) -> tuple[list[str], Array
     return [n for n in names if n], np.array(lights)
 
 
-def read_lights_csv(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
+def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
     """Read ``lights.csv``: a row per image with its name and tilt, slant (degrees) or x, y, z.
 
     Columns may be separated by comma, semicolon or tab. A heading row may name them (``image``, ``tilt``, ``slant`` or
@@ -134,7 +132,7 @@ def read_lights_csv(path: str | os.PathLike[str]) -> tuple[list[str], Array]:
     return names, np.array(lights)
 
 
-def read_table(path: str | os.PathLike[str], columns: tuple[int, ...], what: str) -> Array:
+def read_table(path: PathLike, columns: tuple[int, ...], what: str) -> Array:
     """Read a plain table of numbers, a row or a column per image, as (K, columns).
 
     A table of as many columns as allowed is taken by rows, one of as many rows by columns.

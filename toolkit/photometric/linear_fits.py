@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.photometric.bases import (
     Basis,
@@ -25,8 +26,6 @@ from intaglio.photometric.bases import (
 )
 from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, interpolate, need_spread, smooth, smooth_matrix
 from intaglio.photometric.light_positions import light_direction
-
-Array = np.ndarray
 
 LEAST_SQUARES = ("gradient", "ptm", "hsh")
 LINEAR_KINDS = ("3i", *LEAST_SQUARES, "eigen3", "eigen6", "rbf")

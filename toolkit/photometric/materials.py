@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError
-from intaglio.files import check_folder, check_writable, whole_file, whole_folder
-from intaglio.images import write_exr, write_image
+from intaglio.files import check_folder, check_writable, whole_file, whole_folder, write_exr, write_image
+from intaglio.kernels.transfer import encode_srgb
 from intaglio.photometric.heights import height_from_gradients
 from intaglio.photometric.normals import SurfaceMaps, surface_maps
 from intaglio.photometric.relightable import Relightable
-from intaglio.render.compare import encode_srgb
-
-Array = np.ndarray
 
 MAP_NAMES = ("normal.png", "albedo.png", "height.png", "maps.exr")
 
@@ -28,7 +25,7 @@ def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: 
     return height_from_gradients(*maps.gradients(), method=method).astype(np.float32)
 
 
-def write_maps(texture: Relightable, folder: str | os.PathLike[str]) -> list[Path]:
+def write_maps(texture: Relightable, folder: PathLike) -> list[Path]:
     """Write the maps of a matte material into ``folder``, made if it does not exist.
 
     ``normal.png`` (16 bits, (n + 1) / 2; x right, y up: OpenGL's convention), ``albedo.png`` (8 bits, sRGB), ``height.png`` (16
@@ -57,7 +54,7 @@ def write_maps(texture: Relightable, folder: str | os.PathLike[str]) -> list[Pat
     return [folder / name for name in MAP_NAMES]
 
 
-def write_gltf(texture: Relightable, path: str | os.PathLike[str]) -> None:
+def write_gltf(texture: Relightable, path: PathLike) -> None:
     """Write a matte glTF material, with albedo and normal map, on a plane that faces +z; one unit is the longer side (.glb)."""
     import trimesh
     from PIL import Image

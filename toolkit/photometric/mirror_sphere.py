@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from intaglio.arrays import Array
 from intaglio.errors import FitError, InputError
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.photometric.bases import coefficients
 from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.relightable import Relightable
-
-Array = np.ndarray
 
 # Slopes are cut off at 87 degrees: a normal that lies in the image plane has no gradient.
 STEEPEST = 0.05

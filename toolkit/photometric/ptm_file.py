@@ -9,23 +9,21 @@ from 0 to 255. LRGB files hold the polynomial of a luminance, and a colour per p
 from __future__ import annotations
 
 import io
-import os
 from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError
 from intaglio.files import check_readable, whole_file
 from intaglio.photometric.bases import PolynomialBasis, coefficients
 from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.relightable import Relightable
 
-Array = np.ndarray
-
 _STREAMS = {"PTM_FORMAT_JPEG_RGB": 18, "PTM_FORMAT_JPEG_LRGB": 9}
 
 
-def write_ptm(texture: Relightable, path: str | os.PathLike[str]) -> None:
+def write_ptm(texture: Relightable, path: PathLike) -> None:
     """Write an uncompressed .ptm: LRGB if the texture is grey or has a chromaticity, else RGB.
 
     Kinds other than ``"ptm"`` are written as the polynomial nearest to them over the hemisphere. Coefficients are rounded to
@@ -83,7 +81,7 @@ def polynomial_maps(texture: Relightable) -> Array:
     return np.tensordot(to_polynomial.astype(np.float32), texture.maps, axes=1)
 
 
-def read_ptm(path: str | os.PathLike[str]) -> Relightable:
+def read_ptm(path: PathLike) -> Relightable:
     """Read a .ptm of format RGB, LRGB, JPEG_RGB or JPEG_LRGB.
 
     Returns

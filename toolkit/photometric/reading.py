@@ -10,15 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError, InputError
-from intaglio.files import check_readable
-from intaglio.images import READABLE_SUFFIXES, read_image, read_samples
+from intaglio.files import READABLE_SUFFIXES, check_readable, read_image, read_samples
+from intaglio.kernels.transfer import decode_srgb
 from intaglio.photometric.light_positions import read_light_positions, read_lights_csv, read_table
 from intaglio.photometric.mirror_sphere import lights_from_sphere
 from intaglio.photometric.stack import ImageFiles, PhotometricStack
-from intaglio.render.compare import decode_srgb
-
-Array = np.ndarray
 
 # Stacks up to this many bytes are held in memory as float32.
 MEMORY_BYTES = 1 << 31
@@ -30,12 +28,12 @@ _LIGHT_FILES = ("lights.csv", "light_directions.txt", "lights.txt")
 
 
 def read_stack(
-    path: str | os.PathLike[str],
+    path: PathLike,
     response: str | float | None = None,
     *,
-    mask: str | os.PathLike[str] | Array | None = None,
-    intensities: str | os.PathLike[str] | None = None,
-    sphere: str | os.PathLike[str] | None = None,
+    mask: PathLike | Array | None = None,
+    intensities: PathLike | None = None,
+    sphere: PathLike | None = None,
     circle: tuple[float, float, float] | None = None,
     grey: bool = False,
     memory: int = MEMORY_BYTES,
@@ -112,7 +110,7 @@ def read_stack(
 
 
 def _lights(
-    path: Path, sphere: str | os.PathLike[str] | None, circle: tuple[float, float, float] | None
+    path: Path, sphere: PathLike | None, circle: tuple[float, float, float] | None
 ) -> tuple[Path, list[str], Array, Path]:
     """Return the folder of the images, their names (may be empty), the lights, and the file that gave them."""
     if sphere is not None:
@@ -231,7 +229,7 @@ def _gain(path: Path, count: int) -> Array:
     return 1.0 / table
 
 
-def _mask(folder: Path, mask: str | os.PathLike[str] | Array | None) -> tuple[Array | None, tuple[str, ...]]:
+def _mask(folder: Path, mask: PathLike | Array | None) -> tuple[Array | None, tuple[str, ...]]:
     if mask is None:
         beside = folder / "mask.png"
         if not beside.exists():

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.lighting import weighted_sums
 from intaglio.photometric.bases import Basis, coefficients
 from intaglio.photometric.stack import checked_lights
-
-Array = np.ndarray
 
 KINDS = ("3i", "gradient", "ptm", "hsh", "eigen3", "eigen6", "rbf", "height")
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError
 from intaglio.files import check_readable
 from intaglio.photometric.light_positions import unit
 from intaglio.photometric.relightable import Relightable
-from intaglio.render.relightable import relightable_bsdf, relit
-from intaglio.render.view import frame
-
-Array = np.ndarray
+from intaglio.render import frame, relightable_bsdf, relit
 
 
 def bsdf_of(
@@ -31,7 +28,7 @@ def bsdf_of(
     )
 
 
-def read_textured_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Array]:
+def read_textured_mesh(path: PathLike) -> tuple[Array, Array, Array]:
     """Read vertices (N, 3), faces (F, 3) and texture coordinates (N, 2) of a mesh file.
 
     Raises
@@ -62,7 +59,7 @@ def read_textured_mesh(path: str | os.PathLike[str]) -> tuple[Array, Array, Arra
 
 def render_on_mesh(
     texture: Relightable,
-    path: str | os.PathLike[str],
+    path: PathLike,
     *,
     light: Array,
     direction: Array,

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import html
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike, Progress
 from intaglio.errors import InputError
-from intaglio.html_page import listing, picture_row, table, write_page
+from intaglio.files import listing, picture_row, table, write_page
 from intaglio.photometric.assess import RepresentationReport, assess_representation
 from intaglio.photometric.light_positions import tilt_and_slant
 from intaglio.photometric.relightable import KINDS
-from intaglio.photometric.represent import represent
+from intaglio.photometric.representation import represent
 from intaglio.photometric.stack import PhotometricStack
 
-Array = np.ndarray
-Progress = Callable[[int, int], None]
 # For every kind, reconstruction and prediction; None where the stack does not allow it.
 Reports = dict[str, tuple[RepresentationReport | None, RepresentationReport | None]]
 
@@ -98,7 +96,7 @@ def assessment_lines(found: Reports) -> list[str]:
 
 def write_assessment(
     stack: PhotometricStack,
-    path: str | os.PathLike[str],
+    path: PathLike,
     *,
     found: Reports | None = None,
     title: str = "Representations of a photometric stack",

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError
-from intaglio.images import read_samples
+from intaglio.files import read_samples
 from intaglio.photometric.light_positions import unit
-
-Array = np.ndarray
 
 # Strips of all images are read and worked on this many bytes at a time.
 STRIP_BYTES = 1 << 28

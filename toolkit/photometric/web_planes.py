@@ -9,19 +9,17 @@ at lights spread over the hemisphere.
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError
 from intaglio.files import whole_folder
 from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
 from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.ptm_file import colour_shares, polynomial_maps
 from intaglio.photometric.relightable import Relightable
-
-Array = np.ndarray
 
 # The viewer's Gaussian weight is exp(−d² / sigma²): lights are spread about as far apart as it is wide.
 SIGMA = 0.125
@@ -30,7 +28,7 @@ NODES = 420
 TILE = 256
 
 
-def write_web_planes(texture: Relightable, path: str | os.PathLike[str], *, tiles: bool = False, quality: int = 95) -> list[Path]:
+def write_web_planes(texture: Relightable, path: PathLike, *, tiles: bool = False, quality: int = 95) -> list[Path]:
     """Write a texture for web RTI viewers.
 
     Parameters

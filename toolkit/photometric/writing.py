@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
+from intaglio.arrays import PathLike
 from intaglio.errors import FileError
 from intaglio.files import check_readable
 from intaglio.photometric.exr_file import read_relightable_exr, write_relightable_exr
@@ -15,7 +15,7 @@ from intaglio.photometric.relightable import Relightable
 from intaglio.photometric.web_planes import write_web_planes
 
 
-def write_relightable(texture: Relightable, path: str | os.PathLike[str]) -> None:
+def write_relightable(texture: Relightable, path: PathLike) -> None:
     """Write a texture.
 
     Parameters
@@ -37,7 +37,7 @@ def write_relightable(texture: Relightable, path: str | os.PathLike[str]) -> Non
     writer(texture, path)
 
 
-def read_relightable(path: str | os.PathLike[str]) -> Relightable:
+def read_relightable(path: PathLike) -> Relightable:
     """Read a texture that `write_relightable` wrote as .exr, or a .ptm.
 
     Raises

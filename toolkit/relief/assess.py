@@ -7,21 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.location import height_above
-from intaglio.relief.smooth_base import SmoothBase
+from intaglio.mesh import SmoothBase, Surface, unique_edges, vertex_normals
+from intaglio.relief.seam import seam_measure
 from intaglio.statistics import (
     earth_movers_distance,
     histogram_overlap,
     mean_surface_integral,
     roughness_spectrum,
-    seam_measure,
 )
-from intaglio.surface import Surface, vertex_normals
-from intaglio.topology import unique_edges
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)
@@ -240,7 +237,7 @@ def _by_channel(measure: Callable[[Array, Array], float], surface: Surface, meas
     """A measure of filled against measured display values, for each of the three channels."""
     if surface.color is None:
         return None
-    from intaglio.render.compare import encode_srgb
+    from intaglio.kernels.transfer import encode_srgb
 
     shown = encode_srgb(surface.color)
     return np.array([measure(shown[filled, c], shown[measured, c]) for c in range(3)])

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from intaglio.relief.smooth_base import SmoothBase
-from intaglio.render.view import CLAY, Camera, Light, frame, view
-from intaglio.surface import Surface
-from intaglio.topology import pieces
-
-Array = np.ndarray
+from intaglio.arrays import Array
+from intaglio.mesh import SmoothBase, Surface, pieces
+from intaglio.render import CLAY, Camera, Light, frame, view
 
 # How far around the largest filling a picture reaches, in its own radii.
 _SURROUNDINGS = 1.8

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import html
-import os
 from collections.abc import Sequence
 
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, write_page
+from intaglio.arrays import Array, PathLike
+from intaglio.files import listing, picture_row, write_page
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.mesh import Surface
 from intaglio.relief.assess import ReliefReport, assess_relief
 from intaglio.relief.pictures import clay_pictures, difference_pictures, fixed_cameras, provenance_pictures, shown, viewpoints
-from intaglio.render.compare import encode_srgb
-from intaglio.surface import Surface
-
-Array = np.ndarray
 
 SCAN, COMPLETED, TRUTH = "The scan", "Completed", "The truth"
 RELIEF = "Completed, relief alone"
@@ -23,7 +21,7 @@ _MEASURED, _FILLED = "#a5855a", "#3b6ea5"
 
 def write_relief_report(
     surface: Surface,
-    path: str | os.PathLike[str],
+    path: PathLike,
     *,
     report: ReliefReport | None = None,
     truth: Surface | None = None,

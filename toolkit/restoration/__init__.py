@@ -1,6 +1,15 @@
 """Filling what is missing of an image (Yamauchi et al. 2005, section 5)."""
 
 from intaglio.restoration.assess import RestorationReport, assess_restoration
-from intaglio.restoration.restore import Restoration, restore, restore_in_detail
+from intaglio.restoration.pipeline import METHODS, Restoration, restore, restore_in_detail
+from intaglio.restoration.report import write_restoration_report
 
-__all__ = ["Restoration", "RestorationReport", "assess_restoration", "restore", "restore_in_detail"]
+__all__ = [
+    "METHODS",
+    "Restoration",
+    "RestorationReport",
+    "assess_restoration",
+    "restore",
+    "restore_in_detail",
+    "write_restoration_report",
+]

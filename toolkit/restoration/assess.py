@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-
-Array = np.ndarray
 
 # Detail is what a Gaussian of so many pixels takes away.
 _DETAIL = 2.0

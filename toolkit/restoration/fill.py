@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy import ndimage
 
+from intaglio.arrays import Array, Progress
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
-from intaglio.synthesis.nearest import NearestWindows
-from intaglio.synthesis.pyramid import smoothed
-
-Array = np.ndarray
-Progress = Callable[[int, int], None]
+from intaglio.synthesis import NearestWindows, smoothed
 
 # The 5 x 5 causal kernel: two rows above, and two pixels to the left.
 _CAUSAL = [(-2, dx) for dx in range(-2, 3)] + [(-1, dx) for dx in range(-2, 3)] + [(0, -2), (0, -1)]

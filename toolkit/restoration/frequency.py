@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 # The paper's threshold of the deviation of the autocorrelation, for luminances in [0, 1], and the largest number of subbands.
 DEVIATION = 0.001

@@ -9,9 +9,8 @@ from scipy import ndimage
 from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
+from intaglio.arrays import Array
 from intaglio.sparse import DIRECT, solved
-
-Array = np.ndarray
 
 # The diffusion kernel of Oliveira et al. (2001), figure 1: its middle is zero.
 _DIAGONAL, _DIRECT_NEIGHBOUR = 0.073235, 0.176765

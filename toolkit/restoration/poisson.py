@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
+from intaglio.arrays import Array
 from intaglio.restoration.fill import ORIENTATIONS
 from intaglio.sparse import solved
-
-Array = np.ndarray
 
 # Pull towards what was filled, against a difference between neighbours: it settles islands that no known pixel borders.
 _PULL = 1e-4

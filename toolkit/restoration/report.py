@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, write_page
-from intaglio.render.compare import decode_srgb
+from intaglio.arrays import Array, PathLike
+from intaglio.files import listing, picture_row, write_page
+from intaglio.kernels.transfer import decode_srgb
 from intaglio.restoration.assess import assess_restoration
-from intaglio.restoration.restore import Restoration
-
-Array = np.ndarray
+from intaglio.restoration.pipeline import Restoration
 
 _MISSING = np.array([0.85, 0.1, 0.1])
 
 
 def write_restoration_report(
-    path: str | os.PathLike[str], image: Array, found: Restoration, *, title: str, method: str, truth: Array | None = None
+    path: PathLike, image: Array, found: Restoration, *, title: str, method: str, truth: Array | None = None
 ) -> list[str]:
     """Write a page of an image before and after, its bands, where detail was copied from, and the figures; return these.
 

@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 from scipy import fft, ndimage
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.photometric import Relightable
-from intaglio.randomness import uniform
+from intaglio.randomness import Stream, uniform
 from intaglio.statistics import earth_movers_distance
 from intaglio.synthesis.nearest import NearestWindows, rms_apart
 from intaglio.synthesis.result import Synthesis, places
 from intaglio.synthesis.sample import prepare, window_starts
-
-Array = np.ndarray
 
 # Windows whose nearest are sought, and most values of those they are sought among.
 _QUERIES = 2000
@@ -28,8 +27,6 @@ _VALUES = 100_000
 
 # Directions along which joint distributions are compared.
 _DIRECTIONS = 64
-
-_RANDOM = 43
 
 
 @dataclass(frozen=True)
@@ -232,7 +229,7 @@ def _likeness(sample: Array, usable: Array, result: Array, source: Array) -> Lik
     if kept.any():
         a = (given[:, kept] - given[:, kept].mean(axis=0)) / spread[kept]
         b = (made[:, kept] - given[:, kept].mean(axis=0)) / spread[kept]
-        angles = uniform(0, _RANDOM, np.arange(_DIRECTIONS)[:, None], np.arange(a.shape[1])[None, :]) - 0.5
+        angles = uniform(0, Stream.SYNTHESIS_DIRECTIONS, np.arange(_DIRECTIONS)[:, None], np.arange(a.shape[1])[None, :]) - 0.5
         angles /= np.linalg.norm(angles, axis=1, keepdims=True)
         joint = float(np.mean([earth_movers_distance(b @ d, a @ d) for d in angles]))
         if a.shape[1] > 1:

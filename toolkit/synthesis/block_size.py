@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft, ndimage
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 # A peak of the autocorrelation this high counts as a repetition of the pattern.
 _PEAK = 0.25

@@ -7,9 +7,8 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
+from intaglio.arrays import Array
 from intaglio.kernels.blocks import known_pixels
-
-Array = np.ndarray
 
 # Errors are whole numbers in a maximum flow; the largest edge is this long.
 _LEVELS = 100_000

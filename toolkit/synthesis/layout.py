@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.kernels.blocks import Blocks
-
-Array = np.ndarray
 
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.kernels.launch import run_parallel, single_threaded_blas
-
-Array = np.ndarray
 
 # Principal components that are compared; windows of natural textures have little beyond them.
 COMPONENTS = 48

@@ -9,20 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array, Progress
 from intaglio.checks import checked_choice
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
-from intaglio.photometric import PhotometricStack, Relightable, gradients_from_height, represent
-from intaglio.photometric.normals import surface_maps
-from intaglio.photometric.represent import integrable
-from intaglio.photometric.stack import checked_lights
-from intaglio.synthesis.grow import grow
-from intaglio.synthesis.quilt import quilt
+from intaglio.photometric import (
+    PhotometricStack,
+    Relightable,
+    checked_lights,
+    gradients_from_height,
+    integrable,
+    represent,
+    surface_maps,
+)
+from intaglio.synthesis.growing import grow
+from intaglio.synthesis.quilting import quilt
 from intaglio.synthesis.result import Synthesis
 from intaglio.synthesis.sample import checked_mask
-
-Array = np.ndarray
-Progress = Callable[[int, int], None]
 
 METHODS: dict[str, Callable[..., Synthesis]] = {"quilt": quilt, "grow": grow}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-Array = np.ndarray
+from intaglio.arrays import Array
 
 # Burt & Adelson's generating kernel, a = 0.4.
 _KERNEL = np.array([0.05, 0.25, 0.4, 0.25, 0.05])

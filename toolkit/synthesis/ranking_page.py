@@ -5,19 +5,13 @@ from __future__ import annotations
 import base64
 import html
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
+from intaglio.arrays import Array, PathLike
 from intaglio.errors import InputError
-from intaglio.files import check_readable
-from intaglio.html_page import inline_image, write_page
-from intaglio.images import READABLE_SUFFIXES, read_image
-from intaglio.ranks import LABELS
-
-Array = np.ndarray
+from intaglio.files import READABLE_SUFFIXES, check_readable, inline_image, read_image, write_page
+from intaglio.synthesis.ranks import LABELS
 
 SAMPLE = "sample"
 
@@ -86,7 +80,7 @@ document.getElementById('begin').onclick = begin;
 
 
 def write_ranking_page(
-    path: str | os.PathLike[str],
+    path: PathLike,
     trials: Mapping[str, tuple[Array, Mapping[str, Array]]],
     *,
     title: str = "Rank the results",
@@ -140,7 +134,7 @@ def write_ranking_page(
     write_page(path, title, body)
 
 
-def read_trials(folder: str | os.PathLike[str]) -> dict[str, tuple[Array, dict[str, Array]]]:
+def read_trials(folder: PathLike) -> dict[str, tuple[Array, dict[str, Array]]]:
     """Read a study: a folder per texture, in it ``sample.png`` and one picture per method, named for it.
 
     Raises

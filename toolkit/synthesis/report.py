@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import html
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from intaglio.html_page import listing, picture_row, write_page
-from intaglio.images import write_exr
+from intaglio.arrays import Array, PathLike
+from intaglio.files import listing, picture_row, write_exr, write_page
+from intaglio.kernels.transfer import decode_srgb
 from intaglio.photometric import Relightable, light_direction
-from intaglio.render.compare import decode_srgb
 from intaglio.synthesis.assess import SynthesisReport
 from intaglio.synthesis.result import Synthesis, places
 from intaglio.synthesis.sample import stacked
-
-Array = np.ndarray
 
 # The lights under which the thesis compares synthesised textures: tilt 60 and 120 degrees, slant 60.
 THESIS_LIGHTS: dict[str, Array] = {
@@ -56,7 +53,7 @@ def pictures_of(sample: Any, result: Synthesis, lights: Mapping[str, Array] = TH
 
 
 def write_synthesis_report(
-    path: str | os.PathLike[str],
+    path: PathLike,
     sample: Any,
     result: Synthesis,
     report: SynthesisReport,
@@ -109,7 +106,7 @@ def _sized_row(heading: str, pictures: Mapping[str, Array]) -> str:
     )
 
 
-def write_source(result: Synthesis, path: str | os.PathLike[str]) -> None:
+def write_source(result: Synthesis, path: PathLike) -> None:
     """Write provenance as an EXR: channels ``source.row`` and ``source.column``, whole numbers, row 0 at the top."""
     rows, columns = (result.source[..., i].astype(np.float32) for i in range(2))
     write_exr({"source.row": rows, "source.column": columns}, path)

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from intaglio.photometric.relightable import Relightable
-
-Array = np.ndarray
+from intaglio.arrays import Array
+from intaglio.photometric import Relightable
 
 
 @dataclass(frozen=True)

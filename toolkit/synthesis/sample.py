@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.arrays import Array
 from intaglio.errors import InputError
-from intaglio.photometric.relightable import Relightable
-
-Array = np.ndarray
+from intaglio.photometric import Relightable
 
 METRICS = ("absolute", "squared")
 

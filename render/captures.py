@@ -1,0 +1,195 @@
+"""A simulated capture: a height field photographed from straight above under many distant lights. How ground truth is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from intaglio.render.relightable import orthographic_sensor, textured_mesh
+from intaglio.render.variants import mitsuba
+from intaglio.render.views import distant_light
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Gloss:
+    """A rough plastic's coat over the matte colour.
+
+    Attributes
+    ----------
+    alpha : float
+        Roughness (GGX), from 0.01 (polished) to 1.
+    ior : float
+        Index of refraction of the coat.
+    """
+
+    alpha: float = 0.2
+    ior: float = 1.5
+
+
+def photometric_capture(
+    height: np.ndarray,
+    albedo: np.ndarray,
+    lights: np.ndarray,
+    *,
+    size: tuple[int, int] | None = None,
+    gloss: Gloss | None = None,
+    shadows: bool = True,
+    bounces: int = 0,
+    samples: int = 16,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Render a height field under every light: a finely triangulated, displaced mesh, no bump map.
+
+    Parameters
+    ----------
+    height : (h, w) array
+        Heights towards the camera at the vertices of the mesh, in units of their distance; row 0 is the top.
+    albedo : (H', W') or (H', W', 1 or 3) array
+        Linear reflectance, stretched over the mesh, of any resolution.
+    lights : (K, 3) array
+        Vectors towards the lights; x right, y up, z to the camera. Each has an irradiance of π: a white matte level surface lit
+        from straight above has the value 1.
+    size : (width, height), optional
+        Of the images; default: a pixel per cell of the mesh, (w − 1, h − 1). The pixels are square and cover the mesh.
+    gloss : Gloss, optional
+        Coat; default matte.
+    shadows : bool
+        Let relief cast shadows on itself.
+    bounces : int
+        Interreflections followed; 0 is light from the source alone. Needs ``shadows``.
+    samples : int
+        Paths per pixel, spread over it.
+    seed : int
+    progress : callable, optional
+        Called with how much is done, and of how much.
+
+    Returns
+    -------
+    (K, H, W, 3) float32 array
+        Linear images without a ceiling.
+
+    Raises
+    ------
+    ValueError
+        For shapes that don't fit, heights or reflectances that are not finite, or a light from below.
+    """
+    height, albedo, lights = _checked(height, albedo, lights, shadows, bounces)
+    mi = mitsuba()
+    rows, columns = height.shape
+    width, depth = (columns - 1, rows - 1) if size is None else size
+    if abs((columns - 1) / width - (rows - 1) / depth) > 1e-6 * (columns - 1) / width:
+        raise ValueError(f"images of {width} x {depth} pixels don't cover a mesh of {columns - 1} x {rows - 1} cells squarely")
+    mesh = textured_mesh(*height_mesh(height), _material(albedo, gloss))
+    reach = float(np.ptp(height)) + 2 * max(rows, columns)
+    sensor_settings = orthographic_sensor((width, depth), (columns - 1) / width, float(height.max()) + reach, jitter=True)
+    images = np.empty((len(lights), depth, width, 3), np.float32)
+    for k, light in enumerate(lights):
+        scene: dict[str, Any] = {"type": "scene", "mesh": mesh}
+        if shadows:
+            direct = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+            scene["integrator"] = direct if bounces == 0 else {"type": "path", "max_depth": bounces + 2}
+            scene["light"] = distant_light(light, np.pi)
+            integrator = None
+        else:
+            integrator = _unshadowed(mi.variant())(mi.Properties(), light)
+        loaded = mi.load_dict(scene)
+        options = {"sensor": mi.load_dict(sensor_settings), "spp": samples, "seed": (seed * 65537 + k) & 0xFFFFFFFF}
+        if integrator is not None:
+            options["integrator"] = integrator
+        images[k] = np.array(mi.render(loaded, **options), dtype=np.float32)[:, :, :3]
+        if progress is not None:
+            progress(k + 1, len(lights))
+    return images
+
+
+def height_mesh(height: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices (N, 3), faces (F, 3) and texture coordinates (N, 2) of a height field, centred on the z axis."""
+    rows, columns = height.shape
+    i, j = np.mgrid[:rows, :columns]
+    x, y = j - (columns - 1) / 2, (rows - 1) / 2 - i
+    vertices = np.stack([x, y, height], axis=-1).reshape(-1, 3)
+    uv = np.stack([j / (columns - 1), 1 - i / (rows - 1)], axis=-1).reshape(-1, 2)
+    corner = (i[:-1, :-1] * columns + j[:-1, :-1]).ravel()
+    upper = np.stack([corner, corner + columns, corner + 1], axis=1)
+    lower = np.stack([corner + 1, corner + columns, corner + columns + 1], axis=1)
+    return vertices, np.concatenate([upper, lower]), uv
+
+
+def height_normals(height: np.ndarray) -> np.ndarray:
+    """Return the true unit normals (h − 1, w − 1, 3) at the middles of a height field's cells."""
+    p = (height[:-1, 1:] - height[:-1, :-1] + height[1:, 1:] - height[1:, :-1]) / 2
+    q = (height[:-1, :-1] - height[1:, :-1] + height[:-1, 1:] - height[1:, 1:]) / 2
+    normal = np.stack([-p, -q, np.ones_like(p)], axis=-1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+def _material(albedo: np.ndarray, gloss: Gloss | None) -> Any:
+    mi = mitsuba()
+    color = np.repeat(albedo, 3, axis=2) if albedo.shape[2] == 1 else albedo
+    # Mitsuba's bitmaps have row 0 at v = 0.
+    image = mi.Bitmap(np.ascontiguousarray(color[::-1], np.float32))
+    texture = {"type": "bitmap", "bitmap": image, "raw": True, "wrap_mode": "clamp", "format": "variant"}
+    if gloss is None:
+        return mi.load_dict({"type": "diffuse", "reflectance": texture})
+    return mi.load_dict(
+        {
+            "type": "roughplastic",
+            "distribution": "ggx",
+            "alpha": float(gloss.alpha),
+            "int_ior": float(gloss.ior),
+            "diffuse_reflectance": texture,
+        }
+    )
+
+
+@cache
+def _unshadowed(variant_name: str) -> type:
+    """Return an integrator that lights every point it sees from one direction, whatever stands between."""
+    mi = mitsuba()
+    import drjit as dr
+
+    class Unshadowed(mi.SamplingIntegrator):  # type: ignore[name-defined]
+        def __init__(self, properties: Any, towards: np.ndarray | None = None) -> None:
+            mi.SamplingIntegrator.__init__(self, properties)
+            if towards is None:
+                raise ValueError("a light is needed")
+            self.towards = [float(t) for t in towards]
+
+        def sample(
+            self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
+        ) -> tuple[Any, Any, list[Any]]:
+            si = scene.ray_intersect(mi.Ray3f(ray), active)
+            hit = active & si.is_valid()
+            wo = si.to_local(mi.Vector3f(*self.towards))
+            value = si.bsdf().eval(mi.BSDFContext(), si, wo, hit) * dr.pi
+            return dr.select(hit, value, mi.Color3f(0)), hit, []
+
+    return Unshadowed
+
+
+def _checked(
+    height: np.ndarray, albedo: np.ndarray, lights: np.ndarray, shadows: bool, bounces: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    height, albedo = np.asarray(height, np.float64), np.asarray(albedo, np.float64)
+    albedo = albedo[..., None] if albedo.ndim == 2 else albedo
+    if height.ndim != 2 or min(height.shape) < 2:
+        raise ValueError(f"the height field must be (h, w) with at least 2 x 2 vertices, not {height.shape}")
+    if albedo.ndim != 3 or albedo.shape[2] not in (1, 3) or albedo.size == 0:
+        raise ValueError(f"albedo must be (H, W) or (H, W, 1 or 3), not {albedo.shape}")
+    if not (np.isfinite(height).all() and np.isfinite(albedo).all()):
+        raise ValueError("height field or albedo has values that are not finite")
+    if albedo.min() < 0 or albedo.max() > 1:
+        raise ValueError(f"albedo must lie in [0, 1], not in [{albedo.min():.3g}, {albedo.max():.3g}]")
+    vectors = np.atleast_2d(np.asarray(lights, np.float64))
+    if vectors.shape[1:] != (3,) or not np.isfinite(vectors).all() or not (vectors[:, 2] > 0).all():
+        raise ValueError("lights must be (K, 3) finite vectors from above, z over 0")
+    if bounces < 0 or (bounces > 0 and not shadows):
+        raise ValueError(f"bounces must be 0 or more, and need shadows; got {bounces}")
+    return height, albedo, vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -1,0 +1,75 @@
+"""Comparing two images: how far apart they are, in numbers that mean something to the eye and in a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.kernels.transfer import encode_srgb
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Differences between an image and its reference.
+
+    Attributes
+    ----------
+    rmse : float
+        Root mean square difference of the linear values.
+    psnr : float
+        Peak signal-to-noise ratio in decibels, peak 1, of the display (sRGB) values; infinite for equal images.
+    ssim : float
+        Mean structural similarity of the display values (Wang et al. 2004, Gaussian window), 1 for equal images.
+    flip : float
+        Mean FLIP difference as seen on a display at 67 pixels per degree (Andersson et al. 2020), 0 for equal images.
+    difference : (H, W, 3) float32 array
+        FLIP's error map in false colour, display values in [0, 1].
+    """
+
+    rmse: float
+    psnr: float
+    ssim: float
+    flip: float
+    difference: np.ndarray
+
+
+def compare(image: np.ndarray, reference: np.ndarray) -> Comparison:
+    """Compare two linear images.
+
+    Parameters
+    ----------
+    image, reference : (H, W, 3) or (H, W) arrays
+        Linear Rec.709 values; for all but ``rmse`` they are clipped to [0, 1] and encoded as sRGB.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, images are smaller than 11 x 11, or values are not finite.
+    """
+    from flip_evaluator import evaluate
+    from skimage.metrics import structural_similarity
+
+    image, reference = (np.asarray(a, np.float32) for a in (image, reference))
+    if image.shape != reference.shape:
+        raise ValueError(f"images differ in shape: {image.shape} against {reference.shape}")
+    if image.ndim == 2:
+        image, reference = (np.repeat(a[:, :, None], 3, axis=2) for a in (image, reference))
+    if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < 11:
+        raise ValueError(f"images must be (H, W, 3) or (H, W) with at least 11 pixels a side, not {image.shape}")
+    if not (np.isfinite(image).all() and np.isfinite(reference).all()):
+        raise ValueError("an image has values that are not finite (NaN or infinite)")
+    rmse = float(np.sqrt(np.mean((image.astype(np.float64) - reference) ** 2)))
+    shown, wanted = encode_srgb(image), encode_srgb(reference)
+    mse = float(np.mean((shown.astype(np.float64) - wanted) ** 2))
+    ssim = structural_similarity(
+        wanted, shown, channel_axis=2, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
+    difference, flip, _ = evaluate(wanted, shown, "LDR")
+    return Comparison(
+        rmse=rmse,
+        psnr=float("inf") if mse == 0 else float(-10 * np.log10(mse)),
+        ssim=float(ssim),
+        flip=float(flip),
+        difference=np.asarray(difference, np.float32),
+    )

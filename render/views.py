@@ -1,0 +1,234 @@
+"""Pictures of a mesh in a light that shows relief."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from intaglio.render.variants import mitsuba
+
+CLAY = (0.55, 0.5, 0.45)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera.
+
+    Attributes
+    ----------
+    origin, target, up : (3,) sequences
+        In the mesh's unit.
+    fov : float
+        Vertical field of view in degrees.
+    """
+
+    origin: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    fov: float = 25.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """A distant light fixed to the camera, with a weak headlight that keeps shadows readable.
+
+    Attributes
+    ----------
+    tilt : float
+        Degrees, direction in the picture plane, from right to up.
+    slant : float
+        Degrees from the line of sight: 0 is a headlight, 70 rakes over the surface and shows the least relief.
+    strength : float
+        Irradiance of the distant light.
+    fill : float
+        Irradiance of the headlight.
+    """
+
+    tilt: float = 135.0
+    slant: float = 60.0
+    strength: float = 4.2
+    fill: float = 0.4
+
+
+def frame(
+    vertices: np.ndarray, direction: np.ndarray, *, up: ArrayLike = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
+) -> Camera:
+    """Return a camera that sees all of ``vertices`` (N, 3) from ``direction`` (3,), the way from the object to the eye."""
+    vertices = np.asarray(vertices, np.float64)
+    towards = np.asarray(direction, np.float64)
+    towards = towards / np.linalg.norm(towards)
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    radius = float(np.linalg.norm(vertices - middle, axis=1).max())
+    distance = margin * radius / np.sin(np.radians(fov) / 2)
+    upward = np.asarray(up, np.float64)
+    if abs(upward @ towards) > 0.99 * np.linalg.norm(upward):
+        upward = np.eye(3)[np.argmin(np.abs(towards))]
+    return Camera(_triple(middle + distance * towards), _triple(middle), _triple(upward), fov)
+
+
+def _triple(vector: np.ndarray) -> tuple[float, float, float]:
+    return float(vector[0]), float(vector[1]), float(vector[2])
+
+
+def view(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    *,
+    camera: Camera,
+    colors: np.ndarray | None = None,
+    light: Light = Light(),
+    size: tuple[int, int] = (512, 512),
+    samples: int = 16,
+    albedo: tuple[float, float, float] = CLAY,
+    background: float = 1.0,
+    flat: bool = False,
+    seed: int = 0,
+) -> np.ndarray:
+    """Render a mesh in matte clay, or in its vertex colours, under raking light.
+
+    Parameters
+    ----------
+    vertices, faces : (N, 3), (F, 3) arrays
+        In any unit; double precision survey coordinates are moved to the origin first.
+    camera : Camera
+    colors : (N, 3) array, optional
+        Linear reflectance in [0, 1]; default clay.
+    light : Light
+    size : (width, height)
+        In pixels.
+    samples : int
+        Paths per pixel.
+    albedo : (3,) sequence
+        Clay's linear reflectance.
+    background : float
+        Linear value where nothing is seen.
+    flat : bool
+        Shade facets instead of smooth normals.
+    seed : int
+
+    Returns
+    -------
+    (H, W, 3) float32 array
+        Linear Rec.709.
+    """
+    mi = mitsuba()
+    shift = np.asarray(camera.target, np.float64)
+    mesh = make_mesh(np.asarray(vertices, np.float64) - shift, faces, colors=colors, flat=flat, albedo=albedo)
+    origin = np.asarray(camera.origin, np.float64) - shift
+    towards = {"key": light_direction(origin, camera.up, light), "fill": origin / np.linalg.norm(origin)}
+    sensor = mi.load_dict(make_sensor(origin, np.zeros(3), np.asarray(camera.up), camera.fov, size))
+    rendered = np.zeros((size[1], size[0], 4), np.float32)
+    # One light at a time: choosing between lights at random would grain the picture.
+    for name, strength in (("key", light.strength), ("fill", light.fill)):
+        lit = lit_mesh(mesh, sensor, distant_light(towards[name], strength), samples=samples, seed=seed)
+        rendered[:, :, :3] += lit[:, :, :3]
+        rendered[:, :, 3] = lit[:, :, 3]
+    return over_background(rendered, background)
+
+
+def distant_light(towards: np.ndarray, irradiance: float) -> dict[str, object]:
+    """Return Mitsuba's description of a distant light from the unit vector ``towards`` it."""
+    strength = {"type": "rgb", "value": float(irradiance)}
+    return {"type": "directional", "direction": [-float(t) for t in towards], "irradiance": strength}
+
+
+def lit_mesh(mesh: object, sensor: object, light: dict[str, object], *, samples: int, seed: int) -> np.ndarray:
+    """Render a mesh under one light, without interreflections, as (H, W, 4) float32 with alpha."""
+    mi = mitsuba()
+    integrator = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+    scene = mi.load_dict({"type": "scene", "integrator": integrator, "mesh": mesh, "light": light})
+    return np.array(mi.render(scene, sensor=sensor, spp=samples, seed=seed & 0xFFFFFFFF), dtype=np.float32)
+
+
+def over_background(rendered: np.ndarray, background: float) -> np.ndarray:
+    """Return (H, W, 3) of a rendering with alpha (H, W, 4) over a grey ``background``."""
+    alpha = np.clip(rendered[:, :, 3:4], 0, 1)
+    return np.ascontiguousarray(rendered[:, :, :3] + (1 - alpha) * np.float32(background))
+
+
+def light_direction(origin: np.ndarray, up: ArrayLike, light: Light) -> np.ndarray:
+    """Return the unit vector towards the light for a camera at ``origin`` that looks at 0."""
+    z = origin / np.linalg.norm(origin)
+    x = np.cross(np.asarray(up, np.float64), z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    tilt, slant = np.radians(light.tilt), np.radians(light.slant)
+    return np.cos(tilt) * np.sin(slant) * x + np.sin(tilt) * np.sin(slant) * y + np.cos(slant) * z
+
+
+def make_sensor(origin: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float, size: tuple[int, int]) -> dict[str, object]:
+    """Return Mitsuba's description of a perspective camera with an RGBA film of ``size`` (width, height)."""
+    mi = mitsuba()
+    return {
+        "type": "perspective",
+        "fov": float(fov),
+        "fov_axis": "y",
+        "to_world": mi.ScalarTransform4f().look_at(
+            origin=[float(x) for x in origin], target=[float(x) for x in target], up=[float(x) for x in up]
+        ),
+        "film": {
+            "type": "hdrfilm",
+            "width": int(size[0]),
+            "height": int(size[1]),
+            "pixel_format": "rgba",
+            "rfilter": {"type": "gaussian"},
+        },
+        "sampler": {"type": "independent"},
+    }
+
+
+def make_mesh(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    *,
+    colors: np.ndarray | None = None,
+    flat: bool = False,
+    albedo: tuple[float, float, float] = CLAY,
+) -> object:
+    """Return a Mitsuba mesh with a matte, two-sided material."""
+    mi = mitsuba()
+    if colors is None:
+        reflectance = {"type": "rgb", "value": [float(a) for a in albedo]}
+    else:
+        reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+    bsdf = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": reflectance}})
+    return filled_mesh(vertices, faces, bsdf, colors=colors, flat=flat)
+
+
+def filled_mesh(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    bsdf: object,
+    *,
+    colors: np.ndarray | None = None,
+    uv: np.ndarray | None = None,
+    flat: bool = False,
+) -> object:
+    """Return a Mitsuba mesh of a material, with colours (N, 3) or texture coordinates (N, 2) at the vertices."""
+    mi = mitsuba()
+    vertices, faces = np.asarray(vertices), np.asarray(faces)
+    if len(vertices) == 0 or len(faces) == 0:
+        raise ValueError(f"there is nothing to render: {len(vertices)} vertices, {len(faces)} faces")
+    properties = mi.Properties()
+    properties["bsdf"] = bsdf
+    mesh = mi.Mesh(
+        "surface",
+        vertex_count=len(vertices),
+        face_count=len(faces),
+        has_vertex_normals=not flat,
+        has_vertex_texcoords=uv is not None,
+        props=properties,
+    )
+    if colors is not None:
+        mesh.add_attribute("vertex_color", 3, np.ascontiguousarray(colors, np.float32).ravel().tolist())
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ascontiguousarray(vertices, np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
+    if uv is not None:
+        parameters["vertex_texcoords"] = np.ascontiguousarray(uv, np.float32).ravel()
+    parameters.update()
+    if not flat:
+        mesh.recompute_vertex_normals()
+    return mesh

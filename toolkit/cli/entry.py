@@ -1,0 +1,220 @@
+"""The `intaglio` command: a thin layer over the public functions."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from pathlib import Path
+from typing import NoReturn, TextIO
+
+import click
+import numpy as np
+
+import intaglio
+from intaglio.arrays import Array
+from intaglio.cli.facts import image_facts, is_texture, mesh_facts, point_facts, stack_facts, system_facts, texture_facts
+from intaglio.cli.geometry import extend
+from intaglio.cli.options import Numbers, common, image_size, known_suffix, render_on
+from intaglio.cli.photographs import restore, texture
+from intaglio.cli.photometric import assess, relight, represent
+from intaglio.cli.relief import complete
+from intaglio.cli.synthesis import rank, synthesize
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError, IntaglioError, IntaglioWarning
+from intaglio.files import IMAGE_SUFFIXES, check_readable, check_writable
+from intaglio.geometry import POINT_FILES, holds_points
+from intaglio.kernels.launch import start_quietly
+from intaglio.mesh import WRITABLE
+from intaglio.photometric import STACK_SUFFIXES
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(intaglio.__version__, prog_name="intaglio")
+def cli() -> None:
+    """Complete, synthesise and relight the fine surface texture of real objects, render it, and measure it."""
+
+
+for _command in (complete, represent, relight, assess, synthesize, rank, texture, restore, extend):
+    cli.add_command(_command)
+
+
+@cli.command(epilog="Example: intaglio render whole.ply -o whole.png --direction 1,0.2,0.5 --slant 65")
+@click.argument("mesh", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write.")
+@click.option("--direction", type=Numbers(3), default="0,0,1", show_default=True, help="x,y,z: from the object to the eye.")
+@click.option("--up", type=Numbers(3), default="0,1,0", show_default=True)
+@click.option("--size", default="800x800", show_default=True, help="WIDTHxHEIGHT in pixels.")
+@click.option("--tilt", type=float, default=135.0, show_default=True, help="Light's direction in the picture, degrees.")
+@click.option("--slant", type=float, default=60.0, show_default=True, help="Light's angle from the line of sight, degrees.")
+@click.option("--samples", type=click.IntRange(1, 65536), default=32, show_default=True, help="Paths per pixel.")
+@click.option("--color/--clay", default=True, help="Use the mesh's colours, if it has any, or clay.")
+@click.option("--provenance", is_flag=True, help="Show the measured part in clay, the filled part in blue.")
+@click.option("--flat", is_flag=True, help="Shade facets.")
+@common
+def render(
+    mesh: Path,
+    output: Path,
+    direction: tuple[float, ...],
+    up: tuple[float, ...],
+    size: str,
+    tilt: float,
+    slant: float,
+    samples: int,
+    color: bool,
+    provenance: bool,
+    flat: bool,
+    seed: int,
+    device: str | None,
+) -> None:
+    """Render MESH under raking light, so that its relief shows."""
+    from intaglio.relief import FILLED_TINT
+    from intaglio.render import CLAY, Light, frame, view
+
+    check_writable(output, inputs=(mesh,))
+    known_suffix(output, IMAGE_SUFFIXES, "image")
+    shape = image_size(size)
+    if not any(direction) or not any(up):
+        raise InputError("--direction and --up must not be all zero")
+    if not np.isfinite([tilt, slant]).all():
+        raise InputError("--tilt and --slant must be finite numbers of degrees")
+    render_on(device)
+    surface = intaglio.read_surface(mesh)
+    used = np.unique(surface.faces)
+    if len(used) == 0:
+        raise InputError(f"{mesh}: has no faces, there is nothing to render")
+    colors = surface.color if color else None
+    if provenance:
+        colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
+    camera = frame(surface.vertices[used], np.array(direction), up=np.array(up), margin=1.05)
+    image = view(
+        surface.vertices,
+        surface.faces,
+        camera=camera,
+        colors=colors,
+        light=Light(tilt=tilt, slant=slant),
+        size=shape,
+        samples=samples,
+        flat=flat,
+        seed=seed,
+    )
+    intaglio.write_image(image, output)
+    click.echo(f"wrote {output}: {shape[0]} x {shape[1]} pixels")
+
+
+@cli.command(epilog="Example: intaglio compare completed.png truth.png -o difference.png")
+@click.argument("image", type=click.Path(path_type=Path))
+@click.argument("reference", type=click.Path(path_type=Path))
+@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Write FLIP's difference picture.")
+@common
+def compare(image: Path, reference: Path, output: Path | None, seed: int, device: str | None) -> None:
+    """Compare IMAGE with REFERENCE: rmse, PSNR, SSIM and FLIP."""
+    from intaglio.kernels.transfer import decode_srgb
+    from intaglio.render import compare as compare_images
+
+    device_or_error(device)
+    if output is not None:
+        check_writable(output, inputs=(image, reference))
+        known_suffix(output, IMAGE_SUFFIXES, "image")
+    first, second = (_opaque(intaglio.read_image(p)) for p in (image, reference))
+    try:
+        result = compare_images(first, second)
+    except ValueError as error:
+        raise InputError(f"{image} and {reference}: {error}") from error
+    click.echo(f"rmse {result.rmse:.6f}  PSNR {result.psnr:.2f} dB  SSIM {result.ssim:.4f}  FLIP {result.flip:.4f}")
+    if output is not None:
+        intaglio.write_image(decode_srgb(result.difference), output)
+        click.echo(f"wrote {output}")
+
+
+@cli.command(epilog="Example: intaglio info scan.ply capture.lp")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--repair", is_flag=True, help="Repair meshes on reading, and say what was done.")
+@common
+def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -> None:
+    """Show versions, devices and the renderer's variant; or the facts of meshes, points, images, textures and stacks."""
+    device_or_error(device)
+    if not files:
+        for line in system_facts(device):
+            click.echo(line)
+    for path in files:
+        suffix = path.suffix.lower()
+        # os.path's is False for names that no file can have, pathlib's raises.
+        folder = os.path.isdir(path)
+        if not folder:
+            check_readable(path)
+        if folder or suffix in STACK_SUFFIXES:
+            lines = stack_facts(path)
+        elif suffix in POINT_FILES or (suffix in WRITABLE and holds_points(path)):
+            lines = point_facts(path)
+        elif suffix in WRITABLE:
+            lines = mesh_facts(path, repair)
+        elif is_texture(path):
+            lines = texture_facts(path)
+        elif suffix in IMAGE_SUFFIXES:
+            lines = image_facts(path)
+        else:
+            known = ", ".join((*WRITABLE, *POINT_FILES, *IMAGE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
+            raise InputError(f"{path}: no mesh, image, texture or stack's light positions ({known}, or a stack's folder)")
+        click.echo(str(path))
+        for line in lines:
+            click.echo(f"  {line}")
+
+
+def _opaque(image: Array) -> Array:
+    return image[:, :, :3] if image.ndim == 3 else image
+
+
+def main() -> None:
+    """Run the command; errors become one line on stderr and exit status 2."""
+    if not {"-h", "--help", "--version"} & set(sys.argv):
+        start_quietly()
+    warnings.showwarning = _show_warning
+    try:
+        cli.main(standalone_mode=False)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        click.echo("interrupted; no file was left half written", err=True)
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except IntaglioError as error:
+        _stop(str(error))
+    except MemoryError:
+        _stop("not enough memory; meshes: a larger --spacing, a smaller --window or fewer --rotations; stacks: smaller images")
+    except BrokenPipeError:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - the interpreter flushes it on its way out
+        sys.exit(2)
+    except OSError as error:
+        _stop(f"{error.filename or 'output'}: {error.strerror or error}")
+    except ValueError as error:
+        if "INTAGLIO_" not in str(error):
+            raise
+        _stop(str(error))
+
+
+_plain_warning = warnings.showwarning
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Show Intaglio's own warnings as a line, others as Python does."""
+    if issubclass(category, IntaglioWarning):
+        click.echo(f"warning: {message}", err=True)
+    else:
+        _plain_warning(message, category, filename, lineno, file, line)
+
+
+def _stop(message: str) -> NoReturn:
+    click.echo(f"intaglio: {message}", err=True)
+    sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

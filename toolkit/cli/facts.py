@@ -1,0 +1,166 @@
+"""What `intaglio info` says of the machine, of meshes, images and stacks."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from intaglio.arrays import Array
+from intaglio.devices import device_or_error
+from intaglio.errors import IntaglioError
+from intaglio.files import read_exr, read_image
+from intaglio.geometry import is_height_field, read_geometry_texture
+from intaglio.kernels.launch import threads
+from intaglio.mesh import Surface, border_loops, pieces, read_surface, used_vertices
+from intaglio.photometric import (
+    ATTRIBUTE,
+    Exposure,
+    checked_lights,
+    polar_plot,
+    read_light_positions,
+    read_relightable,
+    read_stack,
+    tilt_and_slant,
+)
+from intaglio.relief import fit_base, list_holes, sampling_distance
+from intaglio.render import variant
+
+_MOST_HOLES = 12
+
+
+def system_facts(asked: str | None) -> list[str]:
+    """Return versions, devices, threads and the renderer's variant with the reason for it."""
+    packages = ("warp-lang", "mitsuba", "numpy", "scipy", "trimesh", "OpenEXR")
+    chosen = variant()
+    device = device_or_error(asked)
+    return [
+        f"intaglio {version('intaglio')}, Python {platform.python_version()} on {platform.platform()}",
+        ", ".join(f"{p} {version(p)}" for p in packages),
+        f"devices: {', '.join(str(d) for d in wp.get_devices())}; in use {device}; {threads()} CPU threads",
+        f"renderer: {chosen.name} ({chosen.reason})",
+    ]
+
+
+def mesh_facts(path: Path, repair: bool) -> list[str]:
+    """Return size, bounds, provenance, pieces, borders, sampling and best base of a mesh file."""
+    surface = read_surface(path, repair=repair)
+    used = used_vertices(surface.faces, len(surface.vertices))
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    lines = [
+        f"{len(surface.vertices)} vertices ({int((~used).sum())} in no face), {len(surface.faces)} faces",
+        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}",
+        f"colour per vertex: {'yes' if surface.color is not None else 'no'}",
+    ]
+    if not surface.measured.all():
+        lines.append(f"provenance: {int(surface.measured.sum())} measured, {int((~surface.measured).sum())} filled vertices")
+    if len(surface.faces):
+        _, label = pieces(surface.faces, len(surface.vertices))
+        loops = border_loops(surface.faces)
+        sizes = ", ".join(str(len(loop)) for loop in loops[:8]) + (", …" if len(loops) > 8 else "")
+        lines.append(f"{len(np.unique(label[used]))} pieces; {len(loops)} border loops" + (f" of {sizes} edges" if loops else ""))
+        lines += _hole_lines(surface)
+        lines.append(sampling_distance(surface.vertices, surface.faces)[1])
+    if surface.model is not None:
+        lines.append(f"base: {surface.model.describe()}")
+    else:
+        try:
+            fitted = fit_base(surface.vertices[used])
+            lines += [f"best base: {fitted.describe()}", f"  {fitted.fit.note}" if fitted.fit else ""]
+        except IntaglioError as error:
+            lines.append(f"best base: none ({error})")
+    return [*lines, *surface.notes]
+
+
+def _hole_lines(surface: Surface) -> list[str]:
+    """The longest holes and borders, numbered as `complete --holes` takes them."""
+    try:
+        holes = list_holes(surface)
+    except IntaglioError as problem:
+        return [f"holes: {problem}"]
+    more = [f"  … and {len(holes) - _MOST_HOLES} shorter ones"] if len(holes) > _MOST_HOLES else []
+    return [f"  {hole.describe()}" for hole in holes[:_MOST_HOLES]] + more
+
+
+def point_facts(path: Path) -> list[str]:
+    """Return number, bounds, sampling and kind of surface of a file of points."""
+    texture = read_geometry_texture(path)
+    points = texture.points
+    low, high = texture.bounds
+    field = is_height_field(points.points, texture.axis, texture.spacing, points.normals)
+    return [
+        f"{len(points)} points with normals, {texture.spacing:.4g} apart",
+        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}; height axis {'xyz'[texture.axis]}",
+        f"colour per point: {'yes' if points.color is not None else 'no'}",
+        "a height field" if field else "surfaces over one another, no height field",
+        *texture.notes,
+    ]
+
+
+def image_facts(path: Path) -> list[str]:
+    """Return size and range of an image file's linear values."""
+    image = read_image(path)
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    lines = [f"{image.shape[1]} x {image.shape[0]} pixels, {channels} channel{'s' if channels > 1 else ''} (linear values below)"]
+    for c in range(channels):
+        plane = image if image.ndim == 2 else image[:, :, c]
+        lines.append(
+            f"channel {c}: least {plane.min():.5g}, mean {plane.mean():.5g}, most {plane.max():.5g}; "
+            f"{np.mean(plane >= 1):.2%} at or over 1, {np.mean(plane <= 0):.2%} at or under 0"
+        )
+    return lines
+
+
+def stack_facts(path: Path) -> list[str]:
+    """Return number, size, lights on a polar plot, and exposure of a photometric stack; of lights alone, just those."""
+    try:
+        stack = read_stack(path, "linear")
+    except IntaglioError as problem:
+        if path.suffix.lower() != ".lp":
+            raise
+        names, lights = read_light_positions(path)
+        lights = checked_lights(lights, tuple(names))
+        return [f"{len(lights)} lights", *_light_facts(lights), f"the images can't be read: {problem}"]
+    count, height, width, channels = stack.shape
+    seen = Exposure()
+    for k in range(count):
+        seen.add(stack, k, stack.image(k))
+    over, under = seen.shares
+    return [
+        f"stack of {count} images, {width} x {height} pixels, {channels} channel{'s' if channels > 1 else ''}",
+        *_light_facts(stack.lights),
+        f"overexposed {over:.2%}, black {under:.2%} of the values",
+        *stack.notes,
+    ]
+
+
+def texture_facts(path: Path) -> list[str]:
+    """Return kind, size and what was chosen of a relightable texture."""
+    texture = read_relightable(path)
+    height, width, channels = texture.shape
+    colour = "colour" if channels == 3 else "grey"
+    return [
+        f"relightable texture, kind {texture.kind}: {len(texture.maps)} maps of {width} x {height} pixels, {colour}"
+        + (" by luminance and chromaticity" if texture.chroma is not None else ""),
+        f"coefficients by a {texture.basis.parameters()['basis']} basis",
+        *texture.notes,
+    ]
+
+
+def is_texture(path: Path) -> bool:
+    """Tell whether a file is a relightable texture: a .ptm, or an EXR that describes one."""
+    if path.suffix.lower() != ".exr":
+        return path.suffix.lower() == ".ptm"
+    return ATTRIBUTE in read_exr(path)[1]
+
+
+def _light_facts(lights: Array) -> list[str]:
+    tilt, slant = tilt_and_slant(lights)
+    return [
+        f"light slant {slant.min():.1f} to {slant.max():.1f} degrees, tilt {tilt.min():.1f} to {tilt.max():.1f} degrees",
+        "lights from above (rings at slants of 45 and 90 degrees):",
+        *(f"  {line}" for line in polar_plot(lights)),
+    ]

@@ -1,0 +1,110 @@
+"""Options and checks that commands share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+
+
+class Numbers(click.ParamType):
+    """Comma-separated numbers."""
+
+    name = "numbers"
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = count
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
+        """Return the numbers."""
+        try:
+            numbers = tuple(float(v) for v in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers like 0,0,1", param, ctx)
+        if not np.isfinite(numbers).all():
+            self.fail(f"{value!r} holds a number that is not finite", param, ctx)
+        if self.count is not None and len(numbers) != self.count:
+            self.fail(f"{value!r} has {len(numbers)} numbers where {self.count} are needed", param, ctx)
+        return numbers
+
+
+class Extent(click.ParamType):
+    """whole, rectangle, holes, or comma-separated numbers."""
+
+    name = "extent"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...]:
+        """Return the word or the numbers."""
+        if value in ("whole", "rectangle", "holes"):
+            return str(value)
+        numbers: tuple[float, ...] = Numbers().convert(value, param, ctx)
+        return numbers
+
+
+class HoleChoice(click.ParamType):
+    """all, largest, every, list, or comma-separated numbers of holes."""
+
+    name = "holes"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[int, ...]:
+        """Return the word or the numbers."""
+        if value in ("all", "largest", "every", "list"):
+            return str(value)
+        try:
+            return tuple(int(v) for v in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not all, largest, every, list, or numbers like 1,3", param, ctx)
+
+
+def common(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that every command has."""
+    command = click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one.")(command)
+    return click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits.")(command)
+
+
+def was_given(name: str) -> bool:
+    """Return whether the user gave an option, rather than left it at its default."""
+    return click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+def unless_given(name: str, fallback: int, value: int) -> int:
+    """Return ``value`` if the user gave the option, else ``fallback``."""
+    return value if was_given(name) else fallback
+
+
+def known_suffix(path: Path, known: tuple[str, ...], what: str) -> None:
+    """Raise `InputError` unless the suffix is known."""
+    if path.suffix.lower() not in known:
+        raise InputError(f"{path}: unknown {what} type {path.suffix!r}; known: {', '.join(known)}")
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Return width and height of WIDTHxHEIGHT."""
+    try:
+        width, height = (int(v) for v in text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"--size {text!r} is not WIDTHxHEIGHT, such as 800x600") from None
+    if not (1 <= width <= 16384 and 1 <= height <= 16384):
+        raise InputError(f"--size {text!r}: width and height must be from 1 to 16384 pixels")
+    return width, height
+
+
+def render_on(device: str | None) -> None:
+    """Have the renderer use the device that was asked for, as far as it can."""
+    from intaglio.render import usable_llvm, variant
+
+    if device is None:
+        return
+    on_cpu = device_or_error(device) == "cpu"
+    if on_cpu and variant().name.startswith("cuda"):
+        os.environ["INTAGLIO_VARIANT"] = "llvm_ad_rgb" if usable_llvm()[0] else "scalar_rgb"
+        variant.cache_clear()
+    if not on_cpu and not variant().name.startswith("cuda"):
+        raise InputError(f"--device {device}: the renderer has no CUDA here, it uses {variant().name}")

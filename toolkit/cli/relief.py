@@ -1,0 +1,111 @@
+"""The command that completes relief."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+import intaglio
+from intaglio.cli.options import Extent, HoleChoice, Numbers, common, known_suffix, unless_given
+from intaglio.errors import InputError
+from intaglio.files import check_readable, check_writable
+from intaglio.mesh import WRITABLE
+from intaglio.progress import ProgressBar
+
+
+@click.command(epilog="Example: intaglio complete statue.ply -o whole.ply --report whole.html")
+@click.argument("scan", type=click.Path(path_type=Path))
+@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Mesh to write; PLY keeps provenance.")
+@click.option(
+    "--base",
+    type=click.Choice(["auto", "plane", "cylinder", "sphere", "smooth"]),
+    default="auto",
+    show_default=True,
+    help="smooth: the scan's own smoothed surface; auto: a plane, cylinder or sphere where one fits, else smooth.",
+)
+@click.option("--extent", type=Extent(), default=None, help="whole, rectangle, holes, or numbers (low,high or u0,u1,v0,v1).")
+@click.option("--holes", type=HoleChoice(), default=None, help="all (default), largest, every, or numbers; list: show and stop.")
+@click.option("--hole-size", type=Numbers(2), default=None, help="low,high: only holes whose rim is so long.")
+@click.option("--relief-scale", type=float, default=None, help="Smooth base: longer waves are shape; default 12 spacings.")
+@click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default from the relief.")
+@click.option("--error", type=float, default=None, help="Largest accepted mean squared distance; default from the noise.")
+@click.option("--rotations", type=int, default=None, help="Rotations tried; default 1 where relief has a direction, else 12.")
+@click.option("--levels", type=int, default=1, show_default=True, help="Scales: completed coarse to fine.")
+@click.option("--color-weight", type=float, default=None, help="0 to 1: how much colour counts beside shape.")
+@click.option("--search", type=click.Choice(["auto", "exhaustive", "approximate"]), default="auto", show_default=True)
+@click.option("--memory", type=float, default=None, help="Most memory of the process, in GiB.")
+@click.option("--refine", type=int, default=3, show_default=True, help="Refinement passes after growth; 0: growth alone.")
+@click.option("--spacing", type=float, default=None, help="Distance between new vertices, in the scan's unit.")
+@click.option("--metric", type=click.Choice(["displacement", "surface"]), default="displacement", show_default=True)
+@click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
+@click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
+@click.option("--frames", type=click.Choice(["algebraic", "sweep", "reference", "relief"]), default=None, help="Local frames.")
+@click.option("--reference", type=Numbers(3), default=None, help="x,y,z: global vector for --frames reference.")
+@click.option("--factor", type=float, default=1.1, show_default=True, help="near-best: share of the least error.")
+@click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
+@click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
+@click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
+@click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
+@click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
+@click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface, for the report.")
+@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
+@common
+def complete(
+    scan: Path,
+    output: Path | None,
+    view: tuple[float, ...] | None,
+    repair: bool,
+    truth: Path | None,
+    report: Path | None,
+    **settings: Any,
+) -> None:
+    """Complete what SCAN did not see: its smooth base, and over it the scan's own relief.
+
+    On a plane, cylinder or sphere all of it is completed; the holes of any other scan are filled over its own smoothed surface.
+    Measured vertices come out as they are (in PLY bit for bit). What was made up is marked in the PLY's vertex
+    properties measured, source, rotation and error.
+    """
+    check_readable(scan)
+    if settings["holes"] == "list":
+        low, high = settings["hole_size"] or (0.0, float("inf"))
+        for hole in intaglio.list_holes(intaglio.read_surface(scan, view=view, repair=repair)):
+            if low <= hole.length <= high:
+                click.echo(hole.describe())
+        return
+    if output is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
+    check_writable(output, inputs=(scan,) if truth is None else (scan, truth))
+    known_suffix(output, WRITABLE, "mesh")
+    if report is not None:
+        check_writable(report, inputs=(scan, output))
+        known_suffix(report, (".html", ".htm"), "report")
+    known = None if truth is None else intaglio.read_surface(truth)
+    surface = intaglio.read_surface(scan, view=view, repair=repair)
+    if settings["metric"] == "surface" or settings["bootstrap"]:
+        settings["refine"] = unless_given("refine", 0, settings["refine"])
+    start = time.perf_counter()
+    try:
+        with ProgressBar("completing") as bar:
+            whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
+    except (InputError, intaglio.FitError) as error:
+        raise type(error)(f"{scan}: {error}") from error
+    for note in surface.notes + whole.notes:
+        click.echo(f"  {note}", err=True)
+    intaglio.write_surface(whole, output)
+    filled = int((~whole.measured).sum())
+    seconds = time.perf_counter() - start
+    click.echo(f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {seconds:.1f} s")
+    if report is not None and filled == 0:
+        click.echo(f"no report: what was missing of {scan} was closed by triangles alone, there is nothing to assess")
+    elif report is not None:
+        from intaglio.relief import write_relief_report
+
+        figures = write_relief_report(
+            whole, report, truth=known, scan=surface, title=f"{scan.name} completed", device=settings["device"]
+        )
+        for line in figures.lines():
+            click.echo(f"  {line}")
+        click.echo(f"wrote {report}")

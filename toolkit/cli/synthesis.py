@@ -1,0 +1,386 @@
+"""The commands of texture synthesis: synthesize and rank."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from intaglio.arrays import Array
+from intaglio.cli.facts import is_texture
+from intaglio.cli.options import common, image_size, known_suffix, was_given
+from intaglio.cli.photometric import read_capture, spare_inputs, stack_options
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.files import (
+    IMAGE_SUFFIXES,
+    READABLE_SUFFIXES,
+    check_folder,
+    check_readable,
+    check_writable,
+    read_image,
+    read_samples,
+    whole_folder,
+    write_image,
+)
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.photometric import (
+    KINDS,
+    STACK_SUFFIXES,
+    TEXTURE_SUFFIXES,
+    Relightable,
+    read_relightable,
+    represent,
+    write_maps,
+    write_relightable,
+)
+from intaglio.progress import ProgressBar
+from intaglio.synthesis import (
+    CONTINUATIONS,
+    CUTS,
+    METHODS,
+    METRICS,
+    THESIS_LIGHTS,
+    Synthesis,
+    assess_synthesis,
+    friedman,
+    multiple_comparison,
+    read_ranks,
+    read_trials,
+    write_ranking_page,
+    write_source,
+    write_synthesis_report,
+)
+from intaglio.synthesis import synthesize as synthesize_texture
+
+# Where pixels came from, in a folder of maps or after an image's name.
+SOURCE = "source.exr"
+
+# Options that only one method has.
+_OWN = {
+    "quilt": ("block", "overlap", "tolerance", "cut", "continuation", "refine"),
+    "grow": ("window", "levels", "exhaustive"),
+}
+
+
+# Options that only photographs under known lights have.
+_OF_PHOTOGRAPHS = ("kind", "color", "robust", "response", "sphere", "circle", "grey")
+
+
+def _for_photographs(names: tuple[str, ...]) -> None:
+    """Raise `InputError` if one of the options was given, to what is no stack of photographs."""
+    for name in names:
+        if was_given(name):
+            raise InputError(f"--{name} is for photographs under known lights; the sample is none")
+
+
+class _Images:
+    """Images of one size: values to copy, values to compare, pixels that may be used."""
+
+    def __init__(self, paths: tuple[Path, ...]) -> None:
+        self.paths = paths
+        self.channels: list[int] = []
+        self.bits: list[int] = []
+        values: list[Array] = []
+        compared: list[Array] = []
+        self.opaque: Array | None = None
+        for path in paths:
+            dtype = read_samples(path).dtype
+            if dtype.kind == "f" and path.suffix.lower() != ".exr":
+                raise InputError(f"{path}: holds floats, which only EXR could hold of the result; convert it to .exr")
+            if dtype.kind in "iu" and dtype not in (np.uint8, np.uint16):
+                raise InputError(
+                    f"{path}: holds {dtype} values; the result has 8 or 16 bits, convert it to one of them or to .exr"
+                )
+            image = read_image(path)
+            image = image[:, :, None] if image.ndim == 2 else image
+            if image.shape[2] == 2 or not np.isfinite(image).all():
+                what = "2 channels; give 1, 3 or 4" if image.shape[2] == 2 else "values that are not finite"
+                raise InputError(f"{path}: has {what}")
+            if values and image.shape[:2] != values[0].shape[:2]:
+                first = values[0].shape
+                raise InputError(
+                    f"{path}: is {image.shape[1]} x {image.shape[0]} pixels, {paths[0]} is {first[1]} x {first[0]}; "
+                    "maps of one material must have one size"
+                )
+            if image.shape[2] == 4:
+                opaque = image[:, :, 3] > 0.5
+                self.opaque = opaque if self.opaque is None else self.opaque & opaque
+                image = image[:, :, :3]
+            self.channels.append(image.shape[2])
+            self.bits.append(16 if dtype == np.uint16 else 8)
+            values.append(image)
+            compared.append(encode_srgb(image) if dtype == np.uint8 else image)
+        self.values = np.concatenate(values, axis=2)
+        self.compared = np.concatenate(compared, axis=2)
+
+    def written(self, maps: Array, number: int, path: Path) -> None:
+        """Write one image's part of ``maps`` with the bits it had."""
+        first = sum(self.channels[:number])
+        image = maps[:, :, first : first + self.channels[number]]
+        bits = self.bits[number] if path.suffix.lower() in (".png", ".tif", ".tiff") else 8
+        write_image(image, path, bits=bits)
+
+
+@click.command(epilog="Example: intaglio synthesize sample.png -o big.png --size 1024x1024")
+@click.argument("samples", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Image, texture, or folder for several maps."
+)
+@click.option("--size", required=True, help="WIDTHxHEIGHT in pixels.")
+@click.option("--method", type=click.Choice(sorted(METHODS)), default="quilt", show_default=True, help="By blocks or by pixels.")
+@click.option("--kind", default="gradient", show_default=True, help=f"Of photographs: one of {', '.join(KINDS)}.")
+@click.option("--color", type=click.Choice(["channels", "luminance"]), default="channels", show_default=True)
+@click.option("--robust", is_flag=True, help="Of photographs: shadows and highlights don't bend normals (gradient, height).")
+@click.option("--block", default="auto", show_default=True, help="quilt: side of a block in pixels, or auto.")
+@click.option("--overlap", type=int, default=None, help="quilt: of blocks, in pixels; default a third of the block.")
+@click.option("--tolerance", type=float, default=0.1, show_default=True, help="quilt: choose within this share of the best.")
+@click.option("--cut", type=click.Choice(CUTS), default="path", show_default=True, help="quilt: boundary between blocks.")
+@click.option(
+    "--continuation",
+    type=click.Choice(CONTINUATIONS),
+    default="shortcut",
+    show_default=True,
+    help="quilt: where the sample itself goes on.",
+)
+@click.option("--refine", type=int, default=2, show_default=True, help="quilt: passes that remove seams; 0: none.")
+@click.option("--window", type=int, default=5, show_default=True, help="grow: side of the neighbourhood, odd.")
+@click.option("--levels", type=int, default=None, help="grow: of the pyramid; default by the sample's size.")
+@click.option("--exhaustive", type=float, default=1.0, show_default=True, help="grow: share of pixels that are searched for.")
+@click.option("--metric", type=click.Choice(METRICS), default="absolute", show_default=True, help="Of differences.")
+@click.option("--tileable", is_flag=True, help="The result wraps around without a seam.")
+@click.option("--maps", type=click.Path(path_type=Path), default=None, help="Folder for normal, albedo and height maps (PBR).")
+@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML page with pictures and figures.")
+@click.option("--source/--no-source", default=True, show_default=True, help="Write where each pixel came from (.source.exr).")
+@stack_options
+@common
+def synthesize(
+    samples: tuple[Path, ...],
+    output: Path,
+    size: str,
+    method: str,
+    kind: str,
+    color: str,
+    robust: bool,
+    maps: Path | None,
+    report: Path | None,
+    source: bool,
+    response: str | None,
+    mask: Path | None,
+    sphere: Path | None,
+    circle: tuple[float, float, float] | None,
+    grey: bool,
+    **settings: Any,
+) -> None:
+    """Make a larger texture of SAMPLES.
+
+    One image gives an image; several images of one size (albedo, normal, displacement, …) are synthesised together, to images
+    of the same names in a folder. A relightable texture (.exr, .ptm), or photographs under known lights (an .lp file, a
+    lights.csv, or their folder), give a relightable texture.
+    """
+    width, height = image_size(size)
+    for other in set(_OWN) - {method}:
+        for name in _OWN[other]:
+            if was_given(name):
+                raise InputError(f"--{name} is for --method {other}")
+            settings.pop(name)
+    if method == "quilt" and settings["block"] != "auto":
+        if not re.fullmatch("[0-9]{1,6}", str(settings["block"])):
+            raise InputError(f"--block {settings['block']!r} is neither a number of pixels nor auto")
+        settings["block"] = int(settings["block"])
+    device_or_error(settings["device"])
+    if report is not None:
+        known_suffix(report, (".html", ".htm"), "report")
+    first = samples[0]
+    for path in samples:
+        if not os.path.isdir(path):
+            check_readable(path)
+    inputs = [*samples, *([mask] if mask is not None else [])]
+    several = len(samples) > 1
+    where = (output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")) if source else None
+    others = [path for path in (where, report) if path is not None]
+    start = time.perf_counter()
+    settings |= {"size": (height, width), "method": method}
+    if not several and (os.path.isdir(first) or first.suffix.lower() in STACK_SUFFIXES or is_texture(first)):
+        known_suffix(output, TEXTURE_SUFFIXES, "texture")
+        _check_outputs([output, *others], inputs)
+        if maps is not None:
+            check_folder(maps)
+        texture, inputs = _texture(first, kind, color, robust, response, mask, sphere, circle, grey, settings["device"])
+        _check_outputs([output, *others], inputs)
+        spare_inputs(inputs, output, maps)
+        given: Any = texture
+        compared: Any = texture
+        usable = None
+        result = _made(texture, settings)
+        assert result.texture is not None
+        write_relightable(result.texture, output)
+        written = [output] + (write_maps(result.texture, maps) if maps is not None else [])
+    else:
+        if maps is not None:
+            raise InputError("--maps is for relightable textures and photographs under known lights")
+        _for_photographs(_OF_PHOTOGRAPHS)
+        _check_outputs(_image_outputs(samples, output, source) + others, inputs)
+        images = _Images(samples)
+        given, compared = images.values, images.compared
+        usable = _usable(images, mask)
+        result = _made(images.values, settings | {"match": compared, "mask": usable})
+        written = _write_images(images, result, output)
+    if where is not None:
+        write_source(result, where)
+        written.append(where)
+    seconds = time.perf_counter() - start
+    for note in result.notes:
+        click.echo(f"  {note}", err=True)
+    click.echo(f"wrote {', '.join(map(str, written))}: {width} x {height} pixels, {seconds:.1f} s")
+    if report is not None:
+        lights = THESIS_LIGHTS if isinstance(given, Relightable) else None
+        figures = assess_synthesis(compared, result, mask=usable, lights=lights)
+        write_synthesis_report(report, given, result, figures, title=f"{first.name}: synthesised", extra=(f"{seconds:.1f} s",))
+        for line in figures.lines():
+            click.echo(f"  {line}")
+        click.echo(f"wrote {report}")
+
+
+def _texture(
+    first: Path,
+    kind: str,
+    color: str,
+    robust: bool,
+    response: str | None,
+    mask: Path | None,
+    sphere: Path | None,
+    circle: tuple[float, float, float] | None,
+    grey: bool,
+    device: str | None,
+) -> tuple[Relightable, list[Path]]:
+    """Return the relightable sample, and the files it came from."""
+    if not os.path.isdir(first) and first.suffix.lower() not in STACK_SUFFIXES:
+        _for_photographs((*_OF_PHOTOGRAPHS, "mask"))
+        return read_relightable(first), [first]
+    stack = read_capture(first, response, mask, sphere, circle, grey)
+    with ProgressBar("fitting") as bar:
+        texture = represent(stack, kind, color=color, robust=robust, device=device, progress=bar.update)
+    for note in stack.notes + texture.notes:
+        click.echo(f"  {note}", err=True)
+    return texture, [first, *map(Path, stack.names), *([mask] if mask is not None else [])]
+
+
+def _made(sample: Any, settings: dict[str, Any]) -> Synthesis:
+    with ProgressBar("synthesising") as bar:
+        return synthesize_texture(sample, progress=bar.update, **settings)
+
+
+def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
+    """Raise unless all outputs can be written and none is an input; a folder that is yet to be made holds no input."""
+    for path in outputs:
+        if path.parent.is_dir() or len(outputs) == 1:
+            check_writable(path, inputs=tuple(inputs))
+
+
+def _image_outputs(samples: tuple[Path, ...], output: Path, source: bool) -> list[Path]:
+    """Return the images that will be written; `InputError` unless the samples are images and the output fits them."""
+    for path in samples:
+        if os.path.isdir(path) or path.suffix.lower() in STACK_SUFFIXES:
+            raise InputError(f"{path}: photographs under known lights are given alone, not among images")
+        known_suffix(path, READABLE_SUFFIXES, "image")
+    if len(samples) == 1:
+        known_suffix(output, IMAGE_SUFFIXES, "image")
+        if not output.parent.is_dir():
+            check_writable(output)
+        return [output]
+    if output.suffix.lower() in IMAGE_SUFFIXES:
+        raise InputError(f"{output}: several maps give several images; give a folder")
+    check_folder(output)
+    names = [_image_name(path) for path in samples]
+    if len(set(names)) < len(names):
+        raise InputError(f"two of the maps would be written as one file; rename them: {', '.join(map(str, samples))}")
+    if source and SOURCE in names:
+        raise InputError(f"a map called {SOURCE} would be overwritten by where pixels came from; rename it or give --no-source")
+    return [output / name for name in names]
+
+
+def _image_name(path: Path) -> str:
+    """Return the name under which a map is written: its own, but lossless."""
+    return path.name if path.suffix.lower() in (".png", ".tif", ".tiff", ".exr") else f"{path.stem}.png"
+
+
+def _usable(images: _Images, mask: Path | None) -> Array | None:
+    """Return pixels that may be used: opaque ones, inside the mask."""
+    if mask is None:
+        if images.opaque is not None and not images.opaque.any():
+            raise InputError(f"{', '.join(map(str, images.paths))}: all transparent, there is nothing to copy")
+        return images.opaque
+    given = read_image(mask, linear=True)
+    given = given[:, :, :3].mean(axis=2) if given.ndim == 3 else given
+    if given.shape != images.values.shape[:2]:
+        height, width = images.values.shape[:2]
+        raise InputError(f"{mask}: is {given.shape[1]} x {given.shape[0]} pixels, the sample is {width} x {height}")
+    inside: Array = given > 0.5
+    inside = inside if images.opaque is None else inside & images.opaque
+    if not inside.any():
+        raise InputError(f"{mask}: leaves no pixel of the sample; white marks pixels that may be used")
+    return inside
+
+
+def _write_images(images: _Images, result: Synthesis, output: Path) -> list[Path]:
+    if len(images.paths) == 1:
+        images.written(result.maps, 0, output)
+        return [output]
+    names = [_image_name(path) for path in images.paths]
+    with whole_folder(output) as beside:
+        for number, name in enumerate(names):
+            images.written(result.maps, number, beside / name)
+    return [output / name for name in names]
+
+
+@click.command(epilog="Example: intaglio rank study -o page.html, and later: intaglio rank ranks_*.csv")
+@click.argument("inputs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Page to write, of a study's folder.")
+@click.option("--title", default="Rank the results", show_default=True, help="Of the page.")
+@click.option("--alpha", type=float, default=0.01, show_default=True, help="Share of false differences that is accepted.")
+@click.option("--methods", default=None, help="Comma-separated columns to compare; default all.")
+@common
+def rank(
+    inputs: tuple[Path, ...],
+    output: Path | None,
+    title: str,
+    alpha: float,
+    methods: str | None,
+    seed: int,
+    device: str | None,
+) -> None:
+    """Make a page on which people rank results blind, or test the ranks they gave.
+
+    A folder is a study: a folder in it for each texture, with sample.png and a picture per method. Tables (CSV) are ranks, as
+    the page saves them: Friedman's test, then every pair of methods.
+    """
+    if len(inputs) == 1 and os.path.isdir(inputs[0]):
+        if output is None:
+            raise InputError(f"{inputs[0]}: is a study; give the page to write with -o page.html")
+        known_suffix(output, (".html", ".htm"), "page")
+        check_writable(output)
+        trials = read_trials(inputs[0])
+        write_ranking_page(output, trials, title=title, seed=seed)
+        count = len(next(iter(trials.values()))[1])
+        click.echo(f"wrote {output}: {len(trials)} textures, {count} methods in random order")
+        return
+    if output is not None:
+        if not inputs[0].exists():
+            raise InputError(f"{inputs[0]}: no such folder; -o writes the page of a study")
+        raise InputError("-o is for the page of a study's folder; ranks are printed")
+    wanted = None if methods is None else [m.strip() for m in methods.split(",") if m.strip()]
+    names, ranks = read_ranks(inputs, wanted)
+    test, pairs = friedman(ranks), multiple_comparison(ranks, alpha)
+    click.echo(f"{len(ranks)} rankings of {len(names)} methods")
+    click.echo(f"Friedman: chi-squared {test.statistic:.2f}, p {test.pvalue:.2g}")
+    order = np.argsort(test.mean_ranks, kind="stable")
+    for i in order:
+        beats = [names[j] for j in order if pairs.different[i, j] and test.mean_ranks[i] < test.mean_ranks[j]]
+        click.echo(f"  {names[i]}: mean rank {test.mean_ranks[i]:.2f}" + (f", better than {', '.join(beats)}" if beats else ""))
+    click.echo(f"mean ranks differ at alpha {alpha:g} if they are more than {pairs.critical_difference:.3f} apart")

@@ -1,0 +1,27 @@
+"""Files that appear whole: images, EXR, pages of HTML."""
+
+from intaglio.files.exr import read_exr, write_exr
+from intaglio.files.images import IMAGE_SUFFIXES, READABLE_SUFFIXES, read_image, read_samples, write_image, write_samples
+from intaglio.files.pages import inline_image, listing, picture_row, table, write_page
+from intaglio.files.paths import check_folder, check_readable, check_writable, whole_file, whole_folder
+
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "READABLE_SUFFIXES",
+    "check_folder",
+    "check_readable",
+    "check_writable",
+    "inline_image",
+    "listing",
+    "picture_row",
+    "read_exr",
+    "read_image",
+    "read_samples",
+    "table",
+    "whole_file",
+    "whole_folder",
+    "write_exr",
+    "write_image",
+    "write_page",
+    "write_samples",
+]

@@ -1,0 +1,280 @@
+"""Reading and writing images: linear float32 inside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from intaglio.arrays import Array, PathLike
+from intaglio.errors import FileError, InputError
+from intaglio.files.exr import read_exr, write_exr
+from intaglio.files.paths import check_readable, whole_file
+from intaglio.kernels.transfer import decode_srgb, encode_srgb
+from intaglio.render import mitsuba
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".tga", ".bmp")
+
+
+def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
+    """Read an image as linear float32.
+
+    Parameters
+    ----------
+    path : path
+        PNG, JPEG, TIFF, TGA or BMP with 8 or 16 bits (or a float TIFF), or EXR.
+    linear : bool, optional
+        Whether the stored values are linear already. Default: 8 bits are decoded from sRGB; 16 bits and floats are taken as
+        they are, integers scaled to [0, 1].
+
+    Returns
+    -------
+    (H, W) or (H, W, C) float32 array
+        Row 0 is the top. C is 3, or 4 with alpha (never decoded); an EXR gives R, G, B(, A) or its single channel.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or of no known kind.
+    """
+    raw = read_samples(path)
+    if linear is None:
+        linear = raw.dtype != np.uint8
+    if raw.dtype == np.uint8 and not linear:
+        # 256 levels: a table is several times faster than as many powers as there are pixels.
+        values = decode_srgb(np.arange(256, dtype=np.float32) / np.float32(255))[raw]
+        if raw.ndim == 3 and raw.shape[2] == 4:
+            values[..., 3] = raw[..., 3].astype(np.float32) / np.float32(255)
+        return np.ascontiguousarray(values)
+    values = raw.astype(np.float32)
+    if np.issubdtype(raw.dtype, np.integer):
+        values /= np.float32(np.iinfo(raw.dtype).max)
+    if not linear:
+        has_alpha = values.ndim == 3 and values.shape[2] == 4
+        decoded = decode_srgb(values[..., :3] if has_alpha else values)
+        values = np.concatenate([decoded, values[..., 3:]], axis=2) if has_alpha else decoded
+    return np.ascontiguousarray(values, np.float32)
+
+
+def read_samples(path: PathLike) -> Array:
+    """Read an image's samples as they are stored: (H, W) or (H, W, C), integers or floats.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or of no known kind.
+    """
+    path = check_readable(path)
+    reader = _readers.get(path.suffix.lower())
+    if reader is None:
+        raise FileError(f"{path}: unknown image type {path.suffix!r}; known: {', '.join(sorted(_readers))}")
+    try:
+        raw = reader(path)
+    except FileError:
+        raise
+    except Exception as error:
+        raise FileError(f"{path}: is no readable {path.suffix[1:].upper()} image ({error})") from error
+    if raw.ndim not in (2, 3) or raw.size == 0 or (raw.ndim == 3 and raw.shape[2] > 4):
+        raise FileError(f"{path}: has shape {raw.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
+    if raw.ndim == 3 and raw.shape[2] == 1:
+        raw = raw[:, :, 0]
+    return raw
+
+
+def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | None = None, quality: int = 95) -> None:
+    """Write a linear image.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        Linear values; clipped to [0, 1] in all but EXR.
+    path : path
+        The suffix decides: .png, .jpg, .jpeg, .tif, .tiff, .exr.
+    bits : {8, 16}
+        Of PNG and TIFF. JPEG has 8, EXR 32-bit floats.
+    linear : bool, optional
+        Store the linear values as they are. Default: 8 bits are encoded to sRGB, everything else is stored linear.
+    quality : int
+        Of JPEG.
+
+    Raises
+    ------
+    InputError
+        For a shape that is no image, values that are not finite, or bits that the type does not have.
+    FileError
+        If the file can't be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    try:
+        image = np.asarray(image)
+        if np.issubdtype(image.dtype, np.integer):
+            raise InputError(
+                f"{path}: an image holds linear values in [0, 1] as floats; divide {image.dtype} levels by their maximum"
+            )
+        image = image.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: the image is no array of numbers ({error})") from error
+    if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {image.shape}")
+    if not (np.abs(image) <= float(np.finfo(np.float32).max)).all():
+        raise InputError(f"{path}: the image has values that are not finite or too large for single precision")
+    if kind == ".exr":
+        names = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
+        planes = image[:, :, None] if image.ndim == 2 else image
+        write_exr({n: planes[:, :, i] for i, n in enumerate(names[planes.shape[2]])}, path)
+        return
+    if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
+        raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")
+    if bits not in (8, 16) or (bits == 16 and kind in (".jpg", ".jpeg")):
+        raise InputError(f"{path}: {bits} bits are not to be had in {kind}; PNG and TIFF have 8 or 16, JPEG 8")
+    if linear is None:
+        linear = bits == 16
+    values = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
+    shown = np.clip(values, 0, 1) if linear else encode_srgb(values)
+    if not linear and values.ndim == 3 and values.shape[2] == 4:
+        shown = np.concatenate([shown[..., :3], np.clip(values[..., 3:], 0, 1)], axis=2)
+    stored = np.round(shown * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
+    _write_levels(stored, path, quality)
+
+
+def write_samples(samples: Array, path: PathLike, *, quality: int = 95) -> None:
+    """Write an image's samples as they are, what `read_samples` gives; JPEG, which loses bits, takes 8-bit ones.
+
+    Raises
+    ------
+    InputError
+        For a shape that is no image, or samples that the type can't hold.
+    FileError
+        If the file can't be written, or is of no known kind.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    samples = np.asarray(samples)
+    if samples.ndim not in (2, 3) or samples.size == 0 or (samples.ndim == 3 and samples.shape[2] not in (1, 3, 4)):
+        raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {samples.shape}")
+    if kind == ".exr":
+        # EXR holds linear values; 8-bit samples are sRGB.
+        values = samples.astype(np.float32)
+        if samples.dtype.kind in "iu":
+            values /= np.float32(np.iinfo(samples.dtype).max)
+        if samples.dtype == np.uint8:
+            has_alpha = values.ndim == 3 and values.shape[2] == 4
+            values = np.dstack([decode_srgb(values[:, :, :3]), values[:, :, 3:]]) if has_alpha else decode_srgb(values)
+        write_image(values, path)
+        return
+    if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
+        raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")
+    if samples.dtype not in (np.uint8, np.uint16) or (samples.dtype == np.uint16 and kind in (".jpg", ".jpeg")):
+        raise InputError(f"{path}: {kind} can't hold {samples.dtype} samples; write {'.png' if kind[1] == 'j' else '.exr'}")
+    _write_levels(samples[:, :, 0] if samples.ndim == 3 and samples.shape[2] == 1 else samples, path, quality)
+
+
+def _write_levels(stored: Array, path: Path, quality: int) -> None:
+    """Write 8- or 16-bit levels (H, W), (H, W, 3) or (H, W, 4)."""
+    kind = path.suffix.lower()
+    with whole_file(path) as beside:
+        if kind in (".tif", ".tiff"):
+            import tifffile
+
+            photometric = "rgb" if stored.ndim == 3 else "minisblack"
+            tifffile.imwrite(beside, stored, photometric=photometric)
+        elif stored.dtype == np.uint16:
+            # Pillow has no 16-bit colour; it would write 8 bits without a word.
+            try:
+                mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))
+            except RuntimeError as error:
+                raise FileError(f"{path}: could not be written ({error})") from error
+        else:
+            from PIL import Image
+
+            if kind in (".jpg", ".jpeg") and stored.ndim == 3 and stored.shape[2] == 4:
+                raise InputError(f"{path}: JPEG has no alpha channel; write PNG or drop it")
+            options = {"quality": quality, "subsampling": 0} if kind in (".jpg", ".jpeg") else {}
+            Image.fromarray(stored).save(beside, **options)
+
+
+def _read_png(path: Path) -> Array:
+    with open(path, "rb") as file:
+        head = file.read(26)
+    if head[:8] != b"\x89PNG\r\n\x1a\n":
+        raise FileError(f"{path}: its content is not PNG, whatever its name says")
+    if head[24] == 16:
+        # Pillow reads 16-bit colour as 8 bits without a word.
+        return np.asarray(mitsuba().Bitmap(str(path)))
+    with _opened(path, "PNG") as image:
+        has_alpha = "A" in image.mode or "transparency" in image.info
+        grey = image.mode in ("1", "L", "LA") and not has_alpha
+        return np.asarray(image.convert("L" if grey else "RGBA" if has_alpha else "RGB"))
+
+
+def _read_jpeg(path: Path) -> Array:
+    with _opened(path, "JPEG") as image:
+        return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
+
+
+def _read_by_pillow(path: Path) -> Array:
+    with _opened(path, path.suffix[1:].upper()) as image:
+        has_alpha = "A" in image.mode
+        return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGBA" if has_alpha else "RGB"))
+
+
+@contextmanager
+def _opened(path: Path, kind: str) -> Iterator[Any]:
+    """Open an image with Pillow, of any size, if its content is what its name says."""
+    from PIL import Image
+
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        with Image.open(path) as image:
+            if image.format not in (kind, "MPO" if kind == "JPEG" else kind):
+                raise FileError(f"{path}: its content is {image.format}, not {kind} as its name says")
+            yield image
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def _read_tiff(path: Path) -> Array:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        page = file.pages.first
+        if len(file.pages) != 1:
+            raise FileError(f"{path}: holds {len(file.pages)} pages; an image has one")
+        name = page.photometric.name
+        if name not in ("MINISBLACK", "MINISWHITE", "RGB"):
+            raise FileError(f"{path}: stores colours as {name}; save it as grey or RGB")
+        values = np.asarray(page.asarray())
+        if values.ndim == 3 and page.planarconfig.name == "SEPARATE":
+            values = np.moveaxis(values, 0, 2)
+    if name == "MINISWHITE" and values.dtype.kind in "ub":
+        values = ~values if values.dtype.kind == "b" else np.iinfo(values.dtype).max - values
+    return values
+
+
+def _read_exr_image(path: Path) -> Array:
+    channels, _ = read_exr(path)
+    if {"R", "G", "B"} <= channels.keys():
+        names = ["R", "G", "B", *(["A"] if "A" in channels else [])]
+        return np.stack([channels[n] for n in names], axis=-1)
+    if len(channels) == 1:
+        return next(iter(channels.values()))
+    raise FileError(f"{path}: has channels {', '.join(sorted(channels))}, no R, G, B; read them by name with read_exr")
+
+
+_readers: dict[str, Callable[[Path], Array]] = {
+    ".png": _read_png,
+    ".jpg": _read_jpeg,
+    ".jpeg": _read_jpeg,
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+    ".exr": _read_exr_image,
+    ".tga": _read_by_pillow,
+    ".bmp": _read_by_pillow,
+}

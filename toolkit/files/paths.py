@@ -1,0 +1,154 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from intaglio.arrays import PathLike
+from intaglio.errors import FileError
+
+
+def check_readable(path: PathLike) -> Path:
+    """Return ``path`` as a Path, or raise `FileError` saying why it can't be read."""
+    path = Path(path)
+    try:
+        exists = path.exists()
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path}: is no usable file name ({error})") from error
+    if not exists:
+        raise FileError(f"{path}: no such file")
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder, a file is needed")
+    if not os.access(path, os.R_OK):
+        raise FileError(f"{path}: may not be read (permissions)")
+    if path.stat().st_size == 0:
+        raise FileError(f"{path}: the file is empty")
+    return path
+
+
+def check_writable(path: PathLike, *, inputs: tuple[PathLike, ...] = ()) -> Path:
+    """Return ``path`` as a Path, or raise `FileError` if it can't be written; to be asked before the work, not after it.
+
+    Parameters
+    ----------
+    path : path
+        The output to come; its folder must exist.
+    inputs : tuple of path
+        Files that must not be overwritten.
+    """
+    path = Path(path)
+    try:
+        path.exists()
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path}: is no usable file name ({error})") from error
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; give the name of a file in it")
+    folder = path.parent
+    if not folder.is_dir():
+        raise FileError(f"{path}: the folder {folder} does not exist; make it first")
+    for given in inputs:
+        if path.exists() and Path(given).exists() and os.path.samefile(path, given):
+            raise FileError(f"{path}: is the input itself; inputs are never overwritten, give another output")
+    try:
+        # The only sure test, also for root and on read-only file systems.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise FileError(f"{path}: the folder {folder} can't be written to ({error.strerror})") from error
+    if path.exists() and not os.access(path, os.W_OK):
+        raise FileError(f"{path}: exists and may not be overwritten (permissions)")
+    return path
+
+
+def _give_usual_permissions(path: Path) -> None:
+    """Set what a new file or folder would have; temporary ones are made for their owner alone."""
+    umask = os.umask(0)
+    os.umask(umask)
+    os.chmod(path, (0o777 if path.is_dir() else 0o666) & ~umask)
+
+
+def check_folder(path: PathLike) -> Path:
+    """Return ``path`` as a Path, or raise `FileError` if it is no folder that can be written to, and can't be made one."""
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise FileError(f"{path}: is a file; give a folder")
+    nearest = path
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise FileError(f"{path}: the folder {nearest} can't be written to ({error.strerror})") from error
+    return path
+
+
+@contextmanager
+def whole_folder(folder: PathLike) -> Iterator[Path]:
+    """Give an empty folder inside ``folder`` to write to; what it holds takes its places at the end, all or nothing.
+
+    Files and folders of the same names are replaced, others stay.
+
+    Raises
+    ------
+    FileError
+        If ``folder`` can't be made or written to, a name is taken by something of another sort, or writing fails.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
+    except OSError as error:
+        raise FileError(f"{folder}: can't be written to ({error.strerror or error})") from error
+    try:
+        inside = beside / "new"
+        inside.mkdir()
+        yield inside
+        made = sorted(inside.iterdir())
+        for path in made:
+            target = folder / path.name
+            if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
+                raise FileError(f"{target}: is in the way, and no {'folder' if path.is_dir() else 'file'}; move it")
+        for path in made:
+            _give_usual_permissions(path)
+            target = folder / path.name
+            if target.is_dir():
+                os.replace(target, beside / f"old-{path.name}")
+            os.replace(path, target)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{folder}: could not be written to ({error.strerror or error})") from error
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+@contextmanager
+def whole_file(path: PathLike) -> Iterator[Path]:
+    """Give a path beside ``path`` to write to; renamed to ``path`` at the end, removed if anything goes wrong.
+
+    Raises
+    ------
+    FileError
+        If writing fails (disk full, folder gone); ``path`` is then as it was.
+    """
+    path = Path(path)
+    check_writable(path)
+    handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    beside = Path(name)
+    try:
+        yield beside
+        _give_usual_permissions(beside)
+        os.replace(beside, path)
+    except OSError as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{path}: could not be written ({error.strerror or error})") from error
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,0 +1,60 @@
+"""Triangulated surfaces: base shapes, topology, mending, reading and writing."""
+
+from intaglio.mesh.base import Base, BaseFit, Cylinder, Plane, Sphere, face_the_scan, perpendicular, unit
+from intaglio.mesh.points import surface_from_points, surface_from_range_image
+from intaglio.mesh.reading import load_mesh, read_surface, vertex_colors
+from intaglio.mesh.smooth_base import SmoothBase
+from intaglio.mesh.surface import Surface, vertex_normals
+from intaglio.mesh.topology import (
+    Topology,
+    adjacency,
+    border_edges,
+    border_loops,
+    directed_edges,
+    edge_keys,
+    following,
+    grid_faces,
+    largest_faces,
+    opposite_edges,
+    pieces,
+    unique_edges,
+    used_vertices,
+)
+from intaglio.mesh.writing import WRITABLE, check_single_precision, color_fields, ply_table, write_surface
+
+__all__ = [
+    "WRITABLE",
+    "Base",
+    "BaseFit",
+    "Cylinder",
+    "Plane",
+    "SmoothBase",
+    "Sphere",
+    "Surface",
+    "Topology",
+    "adjacency",
+    "border_edges",
+    "border_loops",
+    "check_single_precision",
+    "color_fields",
+    "directed_edges",
+    "edge_keys",
+    "face_the_scan",
+    "following",
+    "grid_faces",
+    "largest_faces",
+    "load_mesh",
+    "opposite_edges",
+    "perpendicular",
+    "pieces",
+    "ply_table",
+    "read_surface",
+    "surface_from_points",
+    "surface_from_range_image",
+    "unique_edges",
+    "unit",
+    "used_vertices",
+    "vertex_colors",
+    "vertex_normals",
+    "write_surface",
+]

@@ -1,0 +1,180 @@
+"""Surfaces from points: a range image in its own grid, or points seen along one direction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from intaglio.arrays import Array
+from intaglio.checks import checked_numeric, checked_rows
+from intaglio.errors import InputError
+from intaglio.mesh.surface import Surface
+from intaglio.mesh.topology import Topology
+
+
+def surface_from_range_image(
+    points: Array, *, view: ArrayLike = (0.0, 0.0, 0.0), color: Array | None = None, steepest: float = 80.0
+) -> Surface:
+    """Triangulate an organised range image in its own grid; depth discontinuities are not bridged.
+
+    Parameters
+    ----------
+    points : (H, W, 3) array
+        Positions; NaN where nothing was seen.
+    view : (3,) array
+        Where the scanner stood, so that faces look towards it. Infinite components mean a direction: use a far point.
+    color : (H, W, 3) array, optional
+        Linear colours.
+    steepest : float
+        Degrees: a triangle whose normal is further than this from the line of sight bridges a discontinuity.
+
+    Raises
+    ------
+    InputError
+        If points have the wrong shape or no triangle can be made.
+    """
+    points = checked_numeric("points", points, np.float64)
+    stood = checked_numeric("view", view, np.float64)
+    if stood.shape != (3,):
+        raise InputError(f"view must be three numbers, not {view!r}")
+    if points.ndim != 3 or points.shape[2] != 3:
+        raise InputError(f"a range image must have shape (H, W, 3), not {points.shape}")
+    valid = np.isfinite(points).all(axis=2)
+    index = np.full(valid.shape, -1)
+    index[valid] = np.arange(valid.sum())
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    vertices = points[valid]
+    faces = _grid_faces(a, b, c, d, vertices)
+    if len(faces) == 0:
+        raise InputError("the range image has no three neighbouring points: no triangle can be made")
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sight = stood - corners.mean(axis=1)
+    facing = np.einsum("ij,ij->i", normal, sight)
+    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(sight, axis=1)
+    seen = np.abs(facing) > np.cos(np.radians(steepest)) * size
+    if not seen.any():
+        raise InputError(f"no triangle of the range image is less than {steepest} degrees from the line of sight")
+    faces = faces[seen]
+    if facing[seen].sum() < 0:
+        faces = faces[:, ::-1]
+    faces = _without_pinched(faces, len(vertices))
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    renumber = (np.cumsum(used) - 1).astype(np.int32)
+    return Surface(
+        vertices=vertices[used],
+        faces=renumber[faces],
+        color=None if color is None else np.asarray(color, np.float32)[valid][used],
+    )
+
+
+def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | None = None, longest: float = 3.0) -> Surface:
+    """Triangulate a point cloud seen along a view direction, by Delaunay in the view plane.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        One view's points (2.5D: no two behind one another).
+    direction : (3,) array
+        The direction of sight, from the scanner to the object.
+    color : (N, 3) array, optional
+        Linear colours.
+    longest : float
+        An edge longer than this many times the median edge bridges a gap or discontinuity; its triangles are dropped.
+
+    Raises
+    ------
+    InputError
+        For fewer than three points, points on a line, or a zero direction.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    points = checked_rows("points", points, np.float64)
+    sight = checked_numeric("direction", direction, np.float64).reshape(-1)
+    if sight.shape != (3,) or not np.isfinite(sight).all() or not sight.any():
+        raise InputError(f"direction must be three finite numbers, not all zero; it is {direction!r}")
+    if not longest > 0:
+        raise InputError(f"longest must be a positive number of median edges, not {longest!r}")
+    if len(points) < 3:
+        raise InputError(f"{len(points)} points make no triangle; at least 3 are needed")
+    towards = -sight / np.linalg.norm(sight)
+    e1 = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
+    e1 /= np.linalg.norm(e1)
+    flat = (points - points.mean(axis=0)) @ np.stack([e1, np.cross(towards, e1)], axis=1)
+    try:
+        faces = Delaunay(flat).simplices
+    except QhullError as error:
+        raise InputError("the points lie on a line as seen along the view direction: no triangle can be made") from error
+    a, b, c = (flat[faces[:, i]] for i in range(3))
+    turned = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] < 0
+    faces[turned] = faces[turned][:, ::-1]
+    corners = points[faces]
+    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    faces = faces[lengths.max(axis=1) <= longest * np.median(lengths)]
+    faces = _without_pinched(faces, len(points))
+    used = np.zeros(len(points), bool)
+    used[faces] = True
+    renumber = (np.cumsum(used) - 1).astype(np.int32)
+    return Surface(
+        vertices=points[used],
+        faces=renumber[faces],
+        color=None if color is None else np.asarray(color, np.float32)[used],
+    )
+
+
+def _grid_faces(a: Array, b: Array, c: Array, d: Array, vertices: Array) -> Array:
+    """Two triangles per full cell, cut along the shorter diagonal; one where a corner is missing."""
+    a, b, c, d = (x.reshape(-1) for x in (a, b, c, d))
+    missing = (a < 0).astype(int) + (b < 0) + (c < 0) + (d < 0)
+    full = missing == 0
+    ad = np.full(len(a), np.inf)
+    bc = np.full(len(a), np.inf)
+    ad[full] = np.linalg.norm(vertices[a[full]] - vertices[d[full]], axis=1)
+    bc[full] = np.linalg.norm(vertices[b[full]] - vertices[c[full]], axis=1)
+    cut_bc, cut_ad = full & (bc <= ad), full & (bc > ad)
+    one = missing == 1
+    triangles = [
+        np.stack([a, c, b], -1)[cut_bc | (one & (d < 0))],
+        np.stack([b, c, d], -1)[cut_bc | (one & (a < 0))],
+        np.stack([a, c, d], -1)[cut_ad | (one & (b < 0))],
+        np.stack([a, d, b], -1)[cut_ad | (one & (c < 0))],
+    ]
+    return np.concatenate(triangles).astype(np.int32)
+
+
+def _without_pinched(faces: Array, count: int) -> Array:
+    """Drop the smaller fans of faces that meet others only in a vertex, where the surface would touch itself in a point."""
+    while len(faces):
+        topology = Topology.of(faces, count)
+        out = np.zeros(len(faces), bool)
+        # A vertex on one fan has one more edge than faces on a border, as many inside; more edges mean more fans.
+        edges = np.diff(topology.offsets)
+        at = np.diff(topology.face_offsets)
+        for vertex in np.flatnonzero(edges > at + 1):
+            fans = _fans(topology, faces, int(vertex))
+            for fan in sorted(fans, key=len)[:-1]:
+                out[fan] = True
+        if not out.any():
+            return faces
+        faces = faces[~out]
+    return faces
+
+
+def _fans(topology: Topology, faces: Array, vertex: int) -> list[list[int]]:
+    incident = topology.incident[topology.face_offsets[vertex] : topology.face_offsets[vertex + 1]]
+    left = set(incident.tolist())
+    fans = []
+    while left:
+        stack, fan = [left.pop()], []
+        while stack:
+            face = stack.pop()
+            fan.append(face)
+            for corner in range(3):
+                if vertex in (faces[face, corner], faces[face, (corner + 1) % 3]):
+                    beyond = int(topology.across[face, corner])
+                    if beyond in left:
+                        left.remove(beyond)
+                        stack.append(beyond)
+        fans.append(fan)
+    return fans

@@ -1,0 +1,151 @@
+"""Writing surfaces: PLY with provenance, and the formats that trimesh writes."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from intaglio.arrays import Array, PathLike
+from intaglio.errors import FileError, InputError, IntaglioWarning
+from intaglio.files import whole_file
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.mesh.topology import unique_edges, used_vertices
+
+if TYPE_CHECKING:
+    from intaglio.mesh.base import Base
+    from intaglio.mesh.surface import Surface
+
+WRITABLE = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
+# These hold 32-bit floats: a unit in the last place may not exceed this share of the typical edge.
+_SINGLE = (".stl", ".gltf", ".glb")
+_COARSE = 1e-3
+
+
+def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -> None:
+    """Write a surface.
+
+    PLY (binary, double precision) keeps everything: per vertex ``base_x`` … ``base_z``, ``nx`` … ``nz`` (the base's normal),
+    ``measured``, ``source``, ``rotation``, ``error`` and ``red``, ``green``, ``blue`` (8-bit sRGB, for other programs) with
+    ``linear_red`` … (float, what is read back); the model and the notes as comments. The other types keep what they have
+    room for: OBJ and OFF all digits, STL and glTF single precision.
+
+    Raises
+    ------
+    FileError
+        For an unknown type, or if the file can't be written.
+    InputError
+        If coordinates are too large for the format's single precision, or a format needs faces and there are none.
+
+    Warns
+    -----
+    IntaglioWarning
+        If STL or glTF, whose coordinates are 32-bit floats, would round them visibly.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in WRITABLE:
+        raise FileError(f"{path}: unknown mesh type {kind!r}; known: {', '.join(sorted(WRITABLE))}")
+    if path.exists() and not overwrite:
+        raise FileError(f"{path}: exists already; give another name or allow overwriting")
+    if kind in _SINGLE:
+        check_single_precision(surface, path)
+    with whole_file(path) as beside:
+        if kind == ".ply":
+            _write_ply(surface, beside)
+        else:
+            _write_trimesh(surface, beside, kind)
+
+
+def check_single_precision(surface: Surface, path: Path) -> None:
+    """Raise `InputError` for coordinates that 32-bit floats can't hold, warn of those they round visibly."""
+    largest = float(np.abs(surface.vertices).max(initial=0))
+    if largest > float(np.finfo(np.float32).max):
+        raise InputError(f"{path}: coordinates up to {largest:.3g} don't fit {path.suffix}'s single precision; write .ply")
+    edges = unique_edges(surface.faces)
+    if len(edges) == 0:
+        return
+    typical = float(np.median(np.linalg.norm(surface.vertices[edges[:, 0]] - surface.vertices[edges[:, 1]], axis=1)))
+    step = float(np.spacing(np.float32(largest)))
+    if step > _COARSE * typical:
+        warnings.warn(
+            f"{path}: {path.suffix} holds single precision, coordinates near {largest:.3g} are rounded to {step:.2g} "
+            f"(typical edge {typical:.3g}); write .ply to keep them",
+            IntaglioWarning,
+            stacklevel=3,
+        )
+
+
+def _write_ply(surface: Surface, path: Path) -> None:
+    names = ["x", "y", "z", "nx", "ny", "nz", "base_x", "base_y", "base_z"]
+    columns = np.concatenate([surface.vertices, surface.normal, surface.base], axis=1)
+    fields: list[tuple[str, str, Array]] = [(n, "double", columns[:, i]) for i, n in enumerate(names)]
+    fields.append(("measured", "uchar", surface.measured.astype(np.uint8)))
+    fields.append(("source", "int", surface.source))
+    for name in ("rotation", "error"):
+        value = getattr(surface, name)
+        if value is not None:
+            fields.append((name, "float", value))
+    if surface.color is not None:
+        fields += color_fields(surface.color)
+    table, properties = ply_table(fields, len(surface.vertices))
+    faces = np.empty(len(surface.faces), [("count", "u1"), ("index", "<i4", (3,))])
+    faces["count"] = 3
+    faces["index"] = surface.faces
+    header = ["ply", "format binary_little_endian 1.0", "comment intaglio surface"]
+    if surface.model is not None:
+        header.append(f"comment model {json.dumps(_model_record(surface.model))}")
+    header += [f"comment note {json.dumps(note)}" for note in surface.notes]
+    header.append(f"element vertex {len(table)}")
+    header += properties
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    with open(path, "wb") as file:
+        file.write("\n".join(header).encode("ascii"))
+        file.write(table.tobytes())
+        file.write(faces.tobytes())
+
+
+def color_fields(color: Array) -> list[tuple[str, str, Array]]:
+    """Return the PLY properties of linear colours (N, 3): 8-bit sRGB for other programs, and what is read back."""
+    shown = np.round(encode_srgb(color) * 255).astype(np.uint8)
+    names = ("red", "green", "blue")
+    fields: list[tuple[str, str, Array]] = [(name, "uchar", shown[:, i]) for i, name in enumerate(names)]
+    return fields + [(f"linear_{name}", "float", color[:, i]) for i, name in enumerate(names)]
+
+
+def ply_table(fields: list[tuple[str, str, Array]], count: int) -> tuple[Array, list[str]]:
+    """Return the binary table of a PLY element's (name, type, values), and the header's lines of its properties."""
+    types = {"double": "<f8", "float": "<f4", "uchar": "u1", "int": "<i4"}
+    table = np.empty(count, [(name, types[kind]) for name, kind, _ in fields])
+    for name, _, value in fields:
+        table[name] = value
+    return table, [f"property {kind} {name}" for name, kind, _ in fields]
+
+
+def _model_record(model: Base) -> dict[str, object]:
+    record: dict[str, object] = {"kind": model.kind, "inward": model.inward}
+    for name in ("point", "normal", "direction", "axis", "center", "radius", "relief_scale"):
+        value = getattr(model, name, None)
+        if value is not None:
+            record[name] = value.tolist() if isinstance(value, np.ndarray) else float(value)
+    return record
+
+
+def _write_trimesh(surface: Surface, path: Path, kind: str) -> None:
+    import trimesh
+
+    used = used_vertices(surface.faces, len(surface.vertices))
+    if not used.any():
+        raise InputError(f"{path}: a surface without faces can be written as .ply only")
+    colors = None if surface.color is None else np.round(encode_srgb(surface.color) * 255).astype(np.uint8)
+    mesh = trimesh.Trimesh(surface.vertices, surface.faces, vertex_colors=colors, process=False)
+    options = {"digits": 17} if kind in (".obj", ".off") else {}
+    data = (
+        mesh.export(file_type=kind[1:], **options)
+        if kind != ".gltf"
+        else trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh), embed_buffers=True)["model.gltf"]
+    )
+    path.write_bytes(data.encode() if isinstance(data, str) else data)

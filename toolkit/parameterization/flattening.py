@@ -1,0 +1,350 @@
+"""Low-distortion parameterization of a surface over the unit square (Yamauchi et al. 2005, section 3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array, diags_array
+
+from intaglio.arrays import Array, Progress
+from intaglio.devices import device_or_error
+from intaglio.errors import InputError
+from intaglio.kernels.distortion import MIPS, STRETCH, Distortion
+from intaglio.mesh import Surface, adjacency, border_loops
+from intaglio.parameterization.atlas import atlas
+from intaglio.parameterization.charts import (
+    Chart,
+    doubled_areas,
+    doubled_texture_areas,
+    flat_edges,
+    inverses,
+)
+from intaglio.parameterization.embedding import convex_border, embed, embedded, intrinsic_weights, relaxed
+from intaglio.parameterization.minimise import minimised
+from intaglio.parameterization.options import Options
+from intaglio.parameterization.result import Parameterization, measured
+from intaglio.parameterization.seams import cut_open, edge_graph, joining_seam, longest_way, path_between
+from intaglio.parameterization.topology_check import Kind, kind_of
+
+# Powers by which the largest stretch is approached, from the mean square on.
+_POWERS = (4.0, 8.0, 16.0, 32.0)
+
+# Weights of the triangle shape term, from one minimisation to the next: the paper's is infinite.
+_STRICTNESS = (1.0, 30.0, 1000.0)
+
+# It begins at this many thresholds, so that with a finite weight the threshold itself is met.
+_SHAPE_FROM = 1.1
+
+# A hole is bridged rather than joined by a seam if its border is shorter than this share of the longest border, and of the root
+# of the surface's area.
+_SMALL_HOLE = 0.5
+
+# Share of the weight of a surface triangle of the same area that a bridge over a hole has.
+_BRIDGE = 1e-3
+
+# A minimisation ends when a step lowers the energy by less than this share.
+_TOLERANCE = 1e-4
+
+# Rings of neighbours over which stretch is averaged to find where another seam helps most, as a share of the root of the
+# number of vertices: seams into every small cavity help less than one across a broad bulge.
+_RINGS = 0.25
+
+# Free space around a free chart in [0, 1]^2, on each side.
+MARGIN = 0.005
+
+_MOST_SEAMS = 12
+
+
+def parameterize(
+    mesh: Surface,
+    energy: str = "stretch",
+    *,
+    boundary: str = "free",
+    view: ArrayLike | None = None,
+    importance: float = 1.5,
+    shape_threshold: float = 0.0,
+    max_stretch: float | None = None,
+    conformal: float = 0.5,
+    iterations: int = 100,
+    device: str | None = None,
+    progress: Progress | None = None,
+) -> Parameterization:
+    """Lay a surface flat over [0, 1]^2, as one chart of low distortion where its topology allows.
+
+    A disk is kept whole. A surface of genus 0 that is closed or has several borders is cut open along a short seam graph;
+    small holes are bridged instead, for the time of the computation. Others get several charts from xatlas. ``notes`` says
+    which.
+
+    Parameters
+    ----------
+    mesh : Surface
+    energy : {"stretch", "stretch-max", "mips", "intrinsic", "mean-value"}
+        What is minimised: the L2 geometric stretch; the largest stretch, approached by high powers; the conformal MIPS
+        energy; the linear intrinsic mixture (with a fixed boundary; may flip triangles, which are counted); or only the
+        linear mean value embedding that the others start from.
+    boundary : {"free", "circle", "square"}
+        Free borders move as the energy asks and never cross themselves; fixed ones are laid out by chord length.
+    view : (3,) sequence, optional
+        From the object towards the eye of the view that matters most: what faces it gets more of the texture, and seams keep
+        to the back.
+    importance : float
+        The paper's k > 1; the nearer to 1, the more the view counts; [1.01, 2] is useful.
+    shape_threshold : float
+        The paper's alpha: least ratio of height to longest side of a triangle in the texture, 0 to 0.5; 0 leaves the term
+        out, 0.05 to 0.15 is useful. Triangles that are thinner in space have nine tenths of their own ratio as threshold.
+    max_stretch : float, optional
+        More seams are cut, each to the place of highest stretch, while the L2 stretch is above this (at most 12; at least
+        1.01). Default: no more than the topology asks for.
+    conformal : float
+        Share of the conformal energy in the intrinsic one, 0 to 1; the rest is authalic.
+    iterations : int
+        Most Newton steps.
+    device : str, optional
+        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+    progress : callable, optional
+        Called with steps done and the most steps.
+
+    Returns
+    -------
+    Parameterization
+
+    Raises
+    ------
+    InputError
+        For unreferenced vertices, triangles without area, faces that don't join as a surface, and options out of range.
+
+    References
+    ----------
+    Yamauchi et al., Textures revisited (2005), section 3, equation 2. The paper's visual importance is
+    1 / (<N, V> + k) with V in the direction of sight; here ``view`` points the other way, and the sign is turned. Sander et
+    al., Texture mapping progressive meshes (2001). Hormann and Greiner, MIPS (2000). Desbrun, Meyer and Alliez, Intrinsic
+    parameterizations of surface meshes (2002).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> flat = Surface(vertices=np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> laid = parameterize(flat)
+    >>> round(laid.l2_stretch, 6), laid.flips
+    (1.0, 0)
+    """
+    options = Options(mesh, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
+    chosen = device_or_error(device)
+    kind = kind_of(mesh)
+    if kind.pieces > 1 or kind.genus > 0:
+        uv, faces, vertex = atlas(mesh.vertices, mesh.faces)
+        note = f"{kind.describe()}: no single chart can hold it; charts by xatlas, without energy, boundary and view"
+        found = measured(mesh, uv, faces, vertex, (note,))
+        return _noted(found, f"{found.charts} charts")
+    notes: list[str] = []
+    bridged = _bridged(mesh, kind, notes)
+    cost = (
+        None
+        if options.seam_cost is None
+        else np.pad(options.seam_cost, (0, len(bridged.vertices) - len(mesh.vertices)), mode="mean")
+    )
+    graph = edge_graph(bridged.vertices, bridged.faces, cost)
+    seam = _first_seam(bridged, graph, notes)
+    best = _one_chart(options, bridged, seam, tuple(notes), chosen, progress)
+    if max_stretch is None:
+        return best
+    seams = 0
+    while best.l2_stretch > max_stretch and seams < _MOST_SEAMS:
+        longer = _with_another_seam(bridged, graph, seam, best)
+        if len(longer) == len(seam):
+            break
+        try:
+            found = _one_chart(options, bridged, longer, tuple(notes), chosen, progress)
+        except InputError:
+            # What was found before is valid; a seam that leaves no chart is not cut.
+            break
+        seam, seams = longer, seams + 1
+        # A seam that does not help at once may with the next one.
+        if found.l2_stretch < best.l2_stretch:
+            best = found
+    return _noted(best, f"{seams} seams cut to lower the stretch to {best.l2_stretch:.3f}") if seams else best
+
+
+@dataclass(frozen=True)
+class _Bridged:
+    """A mesh whose small holes are closed by fans of faces, each about a vertex of its own."""
+
+    vertices: Array
+    faces: Array
+    loops: list[Array]
+
+
+def _bridged(mesh: Surface, kind: Kind, notes: list[str]) -> _Bridged:
+    """Return the mesh with small holes closed, and its other border loops."""
+    points, fans = [mesh.vertices], [mesh.faces]
+    loops = kind.loops[:1]
+    for loop in kind.loops[1:]:
+        if not _is_small(mesh, loop, kind.loops[0]):
+            loops.append(loop)
+            continue
+        hub = sum(len(p) for p in points)
+        points.append(mesh.vertices[loop].mean(axis=0, keepdims=True))
+        fans.append(np.stack([np.roll(loop, -1), loop, np.full(len(loop), hub)], axis=1).astype(np.int32))
+    if len(fans) > 1:
+        notes.append(f"{len(fans) - 1} small holes bridged while laying flat; they stay holes")
+    return _Bridged(np.concatenate(points), np.concatenate(fans), loops)
+
+
+def _first_seam(bridged: _Bridged, graph: csr_array, notes: list[str]) -> Array:
+    """Return the seam (S, 2) that makes a surface of genus 0 a disk."""
+    if not bridged.loops:
+        seam = longest_way(graph)
+        notes.append(f"closed surface: cut open along a seam of {len(seam)} edges")
+        return seam
+    seam = joining_seam(graph, bridged.loops)
+    if len(seam):
+        notes.append(f"{len(bridged.loops)} borders joined by seams of {len(seam)} edges")
+    return seam
+
+
+def _is_small(mesh: Surface, loop: Array, longest: Array) -> bool:
+    size = np.sqrt(doubled_areas(mesh.vertices, mesh.faces).sum() / 2)
+    return bool(_length(mesh, loop) < _SMALL_HOLE * min(size, _length(mesh, longest)))
+
+
+def _length(mesh: Surface, loop: Array) -> float:
+    return float(np.linalg.norm(mesh.vertices[loop] - mesh.vertices[np.roll(loop, -1)], axis=1).sum())
+
+
+def _one_chart(
+    options: Options, bridged: _Bridged, seam: Array, notes: tuple[str, ...], device: str, progress: Progress | None
+) -> Parameterization:
+    """Cut the mesh along ``seam``, lay it flat, and leave the bridges over holes out again."""
+    mesh = options.mesh
+    faces, origin = cut_open(bridged.faces, len(bridged.vertices), seam)
+    vertices = bridged.vertices[origin]
+    # Units and survey coordinates are left behind: what follows is of size 1.
+    size = float(np.sqrt(doubled_areas(bridged.vertices, bridged.faces).sum()))
+    chart = Chart((vertices - vertices.mean(axis=0)) / size, faces, _outer_loop(faces))
+    weight = np.concatenate([options.importance, np.full(len(faces) - len(mesh.faces), _BRIDGE)])
+    uv = _laid_flat(options, chart, weight, device, progress)
+    own = faces[: len(mesh.faces)]
+    used = np.zeros(len(origin), bool)
+    used[own] = True
+    own = (np.cumsum(used) - 1).astype(np.int32)[own]
+    uv, origin = uv[used], origin[used]
+    if options.boundary == "free" and options.energy not in ("intrinsic", "mean-value"):
+        uv = _squared_up(uv)
+    return measured(mesh, uv, own, origin, notes)
+
+
+def _outer_loop(faces: Array) -> Array:
+    loops = border_loops(faces)
+    if len(loops) != 1:
+        raise InputError(
+            f"the surface has {len(loops)} borders after cutting, where a disk has one: it is pinched; "
+            "separate parts that touch in single vertices"
+        )
+    return loops[0].astype(np.int64)
+
+
+def _laid_flat(options: Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
+    """Return texture positions (N, 2) of a disk."""
+    fixed = "circle" if options.boundary == "free" else options.boundary
+    if options.energy == "mean-value":
+        return embedded(chart, fixed)[0]
+    if options.energy == "intrinsic":
+        uv = embed(intrinsic_weights(chart, options.conformal), chart, convex_border(chart, fixed))
+        flat = int((doubled_texture_areas(uv, chart.faces) == 0).sum())
+        if flat or not np.isfinite(uv).all():
+            raise InputError(f"{flat} triangles would be flat on a {fixed}; use boundary='circle', or another energy")
+        return uv
+    area = _safe_areas(chart)
+    share = area / area.sum()
+    weight = weight * share
+    weight /= weight.sum()
+    uv = relaxed(chart, fixed, weight)
+    # The energy's optimum has as much area in the texture as on the surface, in units of the surface's.
+    scale = np.sqrt(area.sum() / doubled_texture_areas(uv, chart.faces).sum())
+    uv = uv * scale
+    corner = flat_edges(chart.vertices, chart.faces)
+    rest = inverses(corner)
+    longest = np.max(
+        [
+            corner[:, 0, 0],
+            np.hypot(corner[:, 0, 1], corner[:, 1, 1]),
+            np.hypot(corner[:, 0, 1] - corner[:, 0, 0], corner[:, 1, 1]),
+        ],
+        axis=0,
+    )
+    least = np.minimum(options.shape_threshold, 0.9 * area / longest**2)
+    rounds = [(2.0, strictness) for strictness in (_STRICTNESS if options.shape_threshold > 0 else _STRICTNESS[:1])]
+    if options.energy == "stretch-max":
+        rounds += [(power, rounds[-1][1]) for power in _POWERS]
+    for number, (power, strictness) in enumerate(rounds):
+        distortion = Distortion(
+            chart.faces,
+            rest,
+            weight,
+            share,
+            _SHAPE_FROM * least,
+            kind=MIPS if options.energy == "mips" else STRETCH,
+            power=power,
+            strictness=strictness,
+            device=device,
+        )
+        uv, _ = minimised(
+            chart,
+            distortion,
+            uv,
+            free=options.boundary == "free",
+            iterations=options.iterations,
+            tolerance=_TOLERANCE,
+            progress=_in_round(progress, number, len(rounds)),
+        )
+    return uv if options.boundary == "free" else uv / scale
+
+
+def _in_round(progress: Progress | None, number: int, rounds: int) -> Progress | None:
+    """Return what reports one of several minimisations as part of all."""
+    if progress is None:
+        return None
+    report = progress
+    return lambda done, most: report(number * most + done, rounds * most)
+
+
+def _safe_areas(chart: Chart) -> Array:
+    """Return twice the triangles' areas; bridges over holes may have none, and get a little."""
+    area = doubled_areas(chart.vertices, chart.faces)
+    return np.maximum(area, 1e-6 * float(area.mean()))
+
+
+def _squared_up(uv: Array) -> Array:
+    """Return the chart turned to fit the smallest square, in [MARGIN, 1 - MARGIN]^2."""
+    best, fitted = np.inf, uv
+    for angle in np.radians(np.arange(90)):
+        c, s = np.cos(angle), np.sin(angle)
+        turned = uv @ np.array([[c, s], [-s, c]])
+        side = float(np.ptp(turned, axis=0).max())
+        if side < best * (1 - 1e-9):
+            best, fitted = side, turned
+    middle = (fitted.min(axis=0) + fitted.max(axis=0)) / 2
+    return 0.5 + (fitted - middle) * (1 - 2 * MARGIN) / best
+
+
+def _with_another_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: Parameterization) -> Array:
+    """Return the seam, longer by the way to where the stretch is highest, over neighbourhoods of some rings."""
+    count = len(bridged.vertices)
+    own = bridged.faces[: len(found.faces)]
+    area = doubled_areas(bridged.vertices, own)
+    corners = own.reshape(-1)
+    weight = np.bincount(corners, np.repeat(area, 3), count)
+    stretch = np.bincount(corners, np.repeat(area * found.face_stretch**2, 3), count)
+    around = adjacency(bridged.faces, count) + diags_array(np.ones(count))
+    for _ in range(round(_RINGS * count**0.5)):
+        weight, stretch = around @ weight, around @ stretch
+    open_now = np.unique(np.concatenate([seam.reshape(-1), *[loop.astype(np.int64) for loop in bridged.loops]]))
+    mean = stretch / np.maximum(weight, 1e-300)
+    mean[open_now] = 0
+    return np.concatenate([seam, path_between(graph, int(np.argmax(mean)), open_now)])
+
+
+def _noted(found: Parameterization, note: str) -> Parameterization:
+    return replace(found, notes=(*found.notes, note))

@@ -1,0 +1,256 @@
+"""Fitting the smooth base: plane, circular cylinder or sphere by orthogonal distance (stage one of the papers)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from intaglio.arrays import Array
+from intaglio.errors import FitError, InputError
+from intaglio.mesh import Base, BaseFit, Cylinder, Plane, Sphere, perpendicular, unit
+
+KINDS = ("plane", "cylinder", "sphere")
+
+# Relief is correlated over its features, so N vertices are far fewer independent witnesses; the information criterion
+# counts this many at most. With all of them, any base would be "significantly" better than any other.
+_INDEPENDENT_SAMPLES = 200
+# Two kinds whose scores differ by less than this are not told apart by the data (10 on the criterion's scale is the
+# usual mark of strong evidence).
+_AMBIGUITY = 10.0
+# A residual above this share of the scan's diagonal is shape, not relief.
+_POOR = 0.04
+_FIT_POINTS = 6_000
+
+
+def fit_base(points: Array, kinds: Sequence[str] = KINDS) -> Base:
+    """Fit the base shape that explains the points best.
+
+    Every kind is fitted by least squares of the orthogonal (geometric) distances under a robust loss (Cauchy, scaled by
+    the median absolute deviation), so that relief on one side of the base, dimples or bumps, pulls it little. The kind is
+    chosen by ``n log(s^2) + k log(n)`` with the mean absolute residual s, k parameters and n the number of points, counted
+    as at most 200 independent ones. Beyond 6,000 points, 6,000 of them evenly spaced in index are fitted; residuals are of all.
+
+    Parameters
+    ----------
+    points : (N, 3) array or Surface
+        In any length unit, which the result keeps.
+    kinds : sequence of str
+        Among ``"plane"``, ``"cylinder"``, ``"sphere"``.
+
+    Returns
+    -------
+    Base
+        A `Plane`, `Cylinder` or `Sphere`; its ``fit`` holds the residuals of every kind, and ``fit.ambiguous`` is True
+        where another kind fits about as well (a nearly flat piece of a large sphere).
+
+    Raises
+    ------
+    InputError
+        If points are not (N, 3) finite numbers or a kind is unknown.
+    FitError
+        If the points are too few or degenerate (all on a line, all in one place).
+
+    References
+    ----------
+    Breckon & Fisher, TPAMI 30(12) 2008, section 2.1.
+    """
+    points = _checked(getattr(points, "vertices", points))
+    kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
+    unknown = [k for k in kinds if k not in KINDS]
+    if unknown or not kinds:
+        raise InputError(f"unknown base kind {unknown[0]!r}; known: {', '.join(KINDS)}" if unknown else "no base kind given")
+    center = points.mean(axis=0)
+    size = float(np.sqrt(((points - center) ** 2).sum(axis=1).mean()))
+    # Work on unit-sized coordinates at the origin: survey coordinates would cost the solver its digits.
+    scaled = (points - center) / size
+    fitters = {"plane": _fit_plane, "cylinder": _fit_cylinder, "sphere": _fit_sphere}
+    sample = scaled
+    if len(scaled) > _FIT_POINTS:
+        sample = scaled[np.linspace(0, len(scaled) - 1, _FIT_POINTS).astype(int)]
+    fits = {kind: _restore(fitters[kind](sample), center, size) for kind in kinds}
+    return _choose(fits, points, size)
+
+
+def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
+    n = min(len(points), _INDEPENDENT_SAMPLES)
+    floor = 1e-9 * size
+    table: dict[str, tuple[float, float]] = {}
+    bases: dict[str, Base] = {}
+    for kind, base in fits.items():
+        if base is None:
+            continue
+        distance = base.distance(points)
+        rms = float(np.sqrt((distance**2).mean()))
+        spread = max(float(np.abs(distance - np.median(distance)).mean()), floor)
+        table[kind] = (rms, n * np.log(spread**2 / size**2) + base.parameter_count * np.log(n))
+        middle = np.median(distance)
+        scale = 1.4826 * float(np.median(np.abs(distance - middle)))
+        bases[kind] = replace(base, fit=BaseFit(rms=rms, robust_scale=scale))
+    if not table:
+        raise FitError("no base could be fitted: the points give no plane, cylinder or sphere of finite size")
+    ranked = sorted(table, key=lambda k: table[k][1])
+    best = bases[ranked[0]]
+    assert best.fit is not None
+    ambiguous, note = False, f"{best.kind} chosen, rms residual {best.fit.rms:.6g}"
+    if len(ranked) > 1:
+        rival = ranked[1]
+        margin = table[rival][1] - table[ranked[0]][1]
+        ambiguous = bool(margin < _AMBIGUITY)
+        verdict = "not told apart by the data" if ambiguous else "clear"
+        note += f"; next {rival} with {table[rival][0]:.6g} ({verdict}, score margin {margin:.1f})"
+    extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    poor = best.fit.rms > _POOR * extent
+    if poor:
+        note += f"; poor fit, the residual is {best.fit.rms / extent:.0%} of the scan's diagonal"
+    return replace(best, fit=replace(best.fit, candidates=table, ambiguous=ambiguous, poor=poor, note=note))
+
+
+def _checked(points: Array) -> Array:
+    try:
+        points = np.asarray(points, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise InputError(f"points are no (N, 3) array of numbers ({problem})") from problem
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"points must have shape (N, 3), not {points.shape}")
+    if not np.isfinite(points).all():
+        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise InputError(f"point {bad} is not finite: {points[bad]}")
+    if len(points) < 6:
+        raise FitError(f"{len(points)} points are too few to fit a base; at least 6 are needed")
+    if not 1e-100 < np.ptp(points, axis=0).max() < 1e100 and np.ptp(points, axis=0).max() > 0:
+        raise InputError(
+            f"points extend over {np.ptp(points, axis=0).max():.3g} units: choose a unit nearer to the object's size"
+        )
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[0] == 0:
+        raise FitError("all points are in one place; no base can be fitted")
+    if spread[1] < 1e-6 * spread[0]:
+        raise FitError("all points lie on a line; no base can be fitted")
+    return points
+
+
+def _robust(residual: object, start: Array) -> Array | None:
+    """Refine ``start`` by robust least squares; the loss is scaled by the residuals' own median deviation."""
+    first = least_squares(residual, start, method="lm", max_nfev=400) if callable(residual) else None
+    if first is None or not np.isfinite(first.x).all():
+        return None
+    x = first.x
+    for _ in range(2):
+        r = residual(x)  # type: ignore[operator]
+        scale = max(1.4826 * float(np.median(np.abs(r - np.median(r)))), 1e-9)
+        x = least_squares(residual, x, loss="cauchy", f_scale=0.5 * scale, max_nfev=200).x
+    return x if np.isfinite(x).all() else None
+
+
+def _fit_plane(p: Array) -> Plane | None:
+    center = p.mean(axis=0)
+    normal = np.linalg.svd(p - center, full_matrices=False)[2][2]
+    u = perpendicular(normal)
+    v = np.cross(normal, u)
+
+    def plane(x: Array) -> tuple[Array, float]:
+        return unit(normal + x[0] * u + x[1] * v), float(x[2])
+
+    def residual(x: Array) -> Array:
+        n, offset = plane(x)
+        return (p - center) @ n - offset
+
+    x = _robust(residual, np.zeros(3))
+    if x is None:
+        return None
+    n, offset = plane(x)
+    # The chart's first axis follows the longer side of the piece.
+    long_side = np.linalg.svd(p - center, full_matrices=False)[2][0]
+    return Plane(point=center + offset * n, normal=n, direction=long_side)
+
+
+def _fit_sphere(p: Array) -> Sphere | None:
+    # Algebraic start: |p|^2 = 2 c.p + (r^2 - |c|^2), linear in c and the bracket.
+    a = np.column_stack([2 * p, np.ones(len(p))])
+    solution, _, rank, _ = np.linalg.lstsq(a, (p**2).sum(axis=1), rcond=1e-12)
+    if rank < 4:
+        return None
+    center = solution[:3]
+    square = solution[3] + center @ center
+    if square <= 0:
+        return None
+
+    def residual(x: Array) -> Array:
+        return np.linalg.norm(p - x[:3], axis=1) - x[3]
+
+    x = _robust(residual, np.array([*center, np.sqrt(square)]))
+    # A radius of a thousand extents is a plane for every purpose, and its centre is noise.
+    return Sphere(center=x[:3], radius=x[3]) if x is not None and 0 < x[3] < 1e3 else None
+
+
+def _fit_cylinder(p: Array) -> Cylinder | None:
+    best: tuple[float, Array, Array] | None = None
+    coarse = p if len(p) <= 600 else p[np.linspace(0, len(p) - 1, 600).astype(int)]
+    starts = []
+    for axis in _hemisphere(200):
+        fit = _circle(coarse, axis)
+        if fit is not None:
+            starts.append((fit[1], axis, fit[0]))
+    for _, axis, circle in sorted(starts, key=lambda s: s[0])[:3]:
+        e1 = perpendicular(axis)
+        e2 = np.cross(axis, e1)
+
+        def cylinder(x: Array, axis: Array = axis, e1: Array = e1, e2: Array = e2) -> tuple[Array, Array]:
+            return x[2] * e1 + x[3] * e2, unit(axis + x[0] * e1 + x[1] * e2)
+
+        def residual(x: Array, cylinder: object = cylinder, q: Array = coarse) -> Array:
+            point, a = cylinder(x)  # type: ignore[operator]
+            relative = q - point
+            return np.linalg.norm(relative - (relative @ a)[:, None] * a, axis=1) - x[4]
+
+        x = _robust(residual, np.array([0.0, 0.0, *circle]))
+        if x is None or not 0 < abs(x[4]) < 1e3:
+            continue
+        cost = float(np.abs(residual(x)).mean())
+        if best is None or cost < best[0]:
+            if len(p) > len(coarse):
+                refined = _robust(lambda y, c=cylinder, r=residual: r(y, c, p), x)
+                x = x if refined is None else refined
+            point, a = cylinder(x)
+            best = (cost, np.array([*point, abs(x[4])]), a)
+    if best is None:
+        return None
+    _, circle, axis = best
+    point = circle[:3] - (circle[:3] @ axis) * axis
+    return Cylinder(point=point, axis=axis, radius=circle[3])
+
+
+def _circle(p: Array, axis: Array) -> tuple[Array, float] | None:
+    """Fit a circle to the points seen along ``axis``: (centre on the two cross axes, radius), mean absolute residual."""
+    e1 = perpendicular(axis)
+    q = p @ np.stack([e1, np.cross(axis, e1)], axis=1)
+    solution, _, rank, _ = np.linalg.lstsq(np.column_stack([2 * q, np.ones(len(q))]), (q**2).sum(axis=1), rcond=1e-10)
+    square = solution[2] + solution[:2] @ solution[:2]
+    if rank < 3 or square <= 0:
+        return None
+    radius = np.sqrt(square)
+    error = float(np.abs(np.linalg.norm(q - solution[:2], axis=1) - radius).mean())
+    return np.array([solution[0], solution[1], radius]), error
+
+
+def _hemisphere(count: int) -> Array:
+    """Return ``count`` directions spread evenly over a hemisphere (Fibonacci lattice)."""
+    i = np.arange(count) + 0.5
+    z = 1 - i / count
+    angle = np.pi * (1 + 5**0.5) * i
+    ring = np.sqrt(1 - z**2)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+
+
+def _restore(base: Base | None, center: Array, size: float) -> Base | None:
+    """Bring a base fitted to scaled points back to the input's coordinates."""
+    if isinstance(base, Plane):
+        return replace(base, point=base.point * size + center)
+    if isinstance(base, Cylinder):
+        return replace(base, point=base.point * size + center, radius=base.radius * size)
+    if isinstance(base, Sphere):
+        return replace(base, center=base.center * size + center, radius=base.radius * size)
+    return None

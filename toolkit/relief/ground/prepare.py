@@ -1,0 +1,283 @@
+"""Stage one: from a scan to base, targets, one triangulation and local frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from intaglio.arrays import Array
+from intaglio.checks import checked_positive
+from intaglio.errors import InputError
+from intaglio.mesh import Base, Surface, Topology, face_the_scan
+from intaglio.relief.ground.extent import Extent, region_to_complete, sampling_distance
+from intaglio.relief.ground.filling import fill_smoothly
+from intaglio.relief.ground.frames import local_frames
+from intaglio.relief.ground.holes import Holes, choose_holes, find_holes
+from intaglio.relief.ground.scan import check_joined, check_scan, choose_base, pieces_on_base
+from intaglio.relief.ground.triangulation import fill_base
+
+# Default of the relief scale, in spacings.
+_RELIEF_SCALE = 12
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the propagation of relief works on.
+
+    Attributes
+    ----------
+    base : Base
+        The smooth base, with its fit if it was fitted.
+    vertices : (N, 3) float64 array
+        Measured vertices as given, then targets on the base.
+    foot, normal : (N, 3) float64 arrays
+        Base point and base normal of every vertex.
+    faces : (F, 3) int32 array
+        The scan's triangles as given, then those of the completed part.
+    measured : (N,) bool array
+        The papers' label "textured" at the start.
+    color : (N, 3) float32 array or None
+        Measured colours; targets are zero.
+    u, v : (N, 3) float64 arrays
+        Local frames.
+    spacing : float
+        Distance between targets, in the input's unit.
+    regular : bool
+        Targets continue the scan's own lattice.
+    topology : Topology
+        Neighbour tables of the triangulation.
+    notes : tuple of str
+        What was chosen, for the user.
+    """
+
+    base: Base
+    vertices: Array
+    foot: Array
+    normal: Array
+    faces: Array
+    measured: Array
+    color: Array | None
+    u: Array
+    v: Array
+    spacing: float
+    regular: bool
+    topology: Topology
+    notes: tuple[str, ...]
+
+    @property
+    def height(self) -> Array:
+        """Signed displacement (N,) along the base normal; 0 at targets."""
+        return np.einsum("ij,ij->i", self.vertices - self.foot, self.normal)
+
+
+def prepare_ground(
+    surface: Surface,
+    base: Base | str = "auto",
+    *,
+    spacing: float | None = None,
+    extent: Extent = None,
+    frames: str | None = None,
+    reference: Array | None = None,
+    holes: Holes = None,
+    hole_size: Sequence[float] | None = None,
+    relief_scale: float | None = None,
+    device: str = "cpu",
+) -> Ground:
+    """Fit the base, lay out targets, triangulate scan and targets together, and set local frames.
+
+    Parameters
+    ----------
+    surface : Surface
+        The scan; all its vertices count as measured.
+    base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
+        The base, or the kind to fit; "auto" takes the plane, cylinder or sphere that fits, else the smoothed scan.
+    spacing : float, optional
+        Distance between targets, a length in the input's unit; default from the scan's edge lengths.
+    extent : see `region_to_complete`
+    frames, reference : see `local_frames`
+    holes, hole_size : see `choose_holes`
+        They ask for a smooth base.
+    relief_scale : float, optional
+        With a smooth base: the wave length, in the input's unit, below which the surface counts as relief; default 12 spacings.
+    device : str
+
+    Raises
+    ------
+    InputError
+        For a surface that can't be completed; the message names what is wrong and where.
+    FitError
+        If no base fits, or "auto" finds two kinds that fit equally well and the scan encloses no hole.
+    """
+    vertices, faces = surface.vertices, surface.faces
+    check_scan(vertices, faces)
+    if relief_scale is not None:
+        relief_scale = checked_positive("relief_scale", relief_scale)
+    notes: list[str] = []
+    asked = [n for n, v in (("holes", holes), ("hole_size", hole_size), ("relief_scale", relief_scale)) if v is not None]
+    if asked and not (isinstance(base, str) and base in ("auto", "smooth")):
+        raise InputError(f"{asked[0]} goes with base='smooth' or 'auto', not with a {getattr(base, 'kind', base)}; leave it None")
+    chosen = "smooth" if asked else choose_base(vertices, faces, base, notes)
+    if isinstance(chosen, str):
+        if extent not in (None, "holes"):
+            raise InputError(f"extent={extent!r} goes with a plane, cylinder or sphere; a smooth base fills holes: see holes=")
+        laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
+    else:
+        try:
+            laid = _over_base(chosen, vertices, faces, spacing, extent, notes)
+        except InputError as problem:
+            if base != "auto" or extent not in (None, "holes") or all(h.outer for h in find_holes(vertices, faces)):
+                raise
+            notes = [f"base: the smoothed scan, since on a {chosen.kind} {problem}"]
+            laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
+    scanned = int(laid.kept.sum())
+    count = len(laid.foot)
+    check_joined(laid.faces, count, scanned)
+    measured = np.arange(count) < scanned
+    points = np.concatenate([vertices[laid.kept], laid.foot[scanned:]])
+    center = points[:scanned].mean(axis=0)
+    seed_vertex = int(np.argmin(((points[:scanned] - center) ** 2).sum(axis=1)))
+    u, v = local_frames(laid.normal, laid.faces, laid.base, frames, reference, seed_vertex)
+    notes.append(f"{count - scanned} targets in {laid.holes} {'region' if laid.holes == 1 else 'regions'}")
+    color = surface.color
+    if color is not None:
+        color = np.concatenate([color[laid.kept], np.zeros((count - scanned, 3), color.dtype)])
+    return Ground(
+        laid.base,
+        points,
+        laid.foot,
+        laid.normal,
+        laid.faces,
+        measured,
+        color,
+        u,
+        v,
+        float(laid.spacing),
+        laid.regular,
+        Topology.of(laid.faces, count),
+        tuple(notes),
+    )
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """Scan and targets over their base: ``kept`` (of the scan's vertices), foot, normal and faces of both together."""
+
+    base: Base
+    kept: Array
+    foot: Array
+    normal: Array
+    faces: Array
+    holes: int
+    spacing: float
+    regular: bool
+
+
+def _over_base(base: Base, vertices: Array, faces: Array, spacing: float | None, extent: Extent, notes: list[str]) -> _Laid:
+    """Lay targets over what the scan leaves open of a plane, cylinder or sphere."""
+    kept, faces, note = pieces_on_base(np.abs(base.distance(vertices)), vertices, faces)
+    if note:
+        notes.append(note)
+    vertices = vertices[kept]
+    base = face_the_scan(base, vertices, faces)
+    foot, normal = base.foot(vertices)
+    own_spacing = spacing is None
+    spacing, note = _spacing(spacing, foot, faces)
+    notes.append(note)
+    region = region_to_complete(base, foot, faces, spacing, extent, own_spacing)
+    notes.append(region.note)
+    filling = fill_base(
+        base,
+        vertices,
+        faces,
+        region.candidates,
+        spacing,
+        inside=region.inside,
+        only_holes=region.only_holes,
+        regular=region.regular,
+    )
+    target_foot, target_normal = base.foot(filling.points)
+    return _Laid(
+        base,
+        kept,
+        np.concatenate([foot, target_foot]),
+        np.concatenate([normal, target_normal]),
+        np.concatenate([faces, filling.faces]).astype(np.int32),
+        filling.holes,
+        spacing,
+        region.regular,
+    )
+
+
+def _over_scan(
+    vertices: Array,
+    faces: Array,
+    spacing: float | None,
+    holes: Holes,
+    hole_size: Sequence[float] | None,
+    relief_scale: float | None,
+    device: str,
+    notes: list[str],
+) -> _Laid:
+    """Fill holes of the scan smoothly, and smooth the scan itself."""
+    kept, faces, note = pieces_on_base(None, vertices, faces)
+    if note:
+        notes.append(note)
+    vertices = vertices[kept]
+    spacing, note = _spacing(spacing, vertices, faces, middle=True)
+    notes.append(note)
+    every = find_holes(vertices, faces)
+    chosen = choose_holes(every, holes, hole_size)
+    open_left = len(every) - len(chosen)
+    notes.append(
+        f"{len(chosen)} holes to fill, rims {chosen[-1].length:.6g} to {chosen[0].length:.6g} long"
+        + (f"; {open_left} borders left open ({sum(h.outer for h in every)} of all are where the scan ends)" if open_left else "")
+    )
+    if relief_scale is None:
+        relief_scale = _RELIEF_SCALE * spacing
+        notes.append(f"relief scale {relief_scale:.6g}: {_RELIEF_SCALE} spacings; shorter waves are relief, longer ones shape")
+    else:
+        size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        if not spacing <= relief_scale <= size:
+            raise InputError(
+                f"relief_scale {relief_scale:.3g} must lie between the spacing, {spacing:.3g}, and the scan's size, {size:.3g}"
+            )
+        notes.append(f"relief scale {relief_scale:.6g}: as given")
+    filling = fill_smoothly(vertices, faces, chosen, every, spacing, relief_scale, device)
+    notes += filling.notes
+    return _Laid(
+        filling.base,
+        kept,
+        filling.foot,
+        filling.normal,
+        np.concatenate([faces, filling.faces]).astype(np.int32),
+        filling.holes,
+        spacing,
+        False,
+    )
+
+
+def _spacing(spacing: float | None, foot: Array, faces: Array, middle: bool = False) -> tuple[float, str]:
+    """Return the distance between targets, found or as given, and the note that says so."""
+    if spacing is None:
+        return sampling_distance(foot, faces, middle)
+    spacing = number(spacing, "spacing")
+    if spacing <= 0:
+        raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
+    size = float(np.linalg.norm(np.ptp(foot, axis=0)))
+    if not 1e-6 * size <= spacing <= size:
+        wanted = "smaller" if spacing > size else "larger"
+        raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
+    return spacing, f"spacing {spacing:.6g}: as given"
+
+
+def number(value: float, name: str) -> float:
+    """Return ``value`` as a finite float, or raise `InputError` for what is none."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        result = float("nan")
+    if not np.isfinite(result):
+        raise InputError(f"{name} must be a finite number, not {value!r}")
+    return result

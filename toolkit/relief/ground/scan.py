@@ -1,0 +1,199 @@
+"""Checks of a scan, the choice of its base, and which of its pieces count."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from intaglio.arrays import Array
+from intaglio.errors import FitError, InputError
+from intaglio.mesh import Base, Cylinder, Plane, Sphere, Surface, border_edges, directed_edges, edge_keys, pieces, used_vertices
+from intaglio.relief.ground.fit import KINDS, fit_base
+from intaglio.relief.ground.holes import Hole, find_holes
+
+# A piece of the scan lies on the base where its median distance is within this many robust deviations of the whole.
+_ON_BASE = 4.0
+# More than this share of shape in what a base leaves, and it is no base for relief.
+_MOST_SHAPE = 0.5
+# A piece of a few triangles has no relief to give and would only pepper the base with islands.
+_SMALLEST_PIECE = 50
+
+
+def check_scan(vertices: Array, faces: Array) -> None:
+    """Raise `InputError` for a mesh that relief can't be completed on, naming what is wrong and what would be right."""
+    check_faces(vertices, faces)
+    if len(border_edges(faces)) == 0:
+        raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
+
+
+def check_faces(vertices: Array, faces: Array) -> None:
+    """Raise `InputError` for faces that don't fit together, naming what is wrong and what would be right."""
+    if len(vertices) == 0 or len(faces) == 0:
+        raise InputError(f"the surface is empty: {len(vertices)} vertices, {len(faces)} faces")
+    corners = vertices[faces]
+    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    if repeated.any():
+        raise InputError(
+            f"{repeated.sum()} faces name one vertex twice, the first is face {np.flatnonzero(repeated)[0]}; "
+            "repair it (read_surface(path, repair=True), --repair) to drop them"
+        )
+    keys = edge_keys(directed_edges(faces), len(vertices))
+    unique, counts = np.unique(keys, return_counts=True)
+    if (counts > 1).any():
+        a, b = divmod(int(unique[counts > 1][0]), len(vertices))
+        raise InputError(
+            f"{(counts > 1).sum()} edges are run through twice in the same direction, the first from vertex {a} to {b}: "
+            "neighbouring faces wind in opposite directions, or more than two share an edge; "
+            "repair it (read_surface(path, repair=True), --repair) to turn and thin them"
+        )
+    used = np.flatnonzero(used_vertices(faces, len(vertices)))
+    order = np.lexsort(vertices[used].T)
+    same = (np.diff(vertices[used][order], axis=0) == 0).all(axis=1)
+    if same.any():
+        first = int(np.flatnonzero(same)[0])
+        raise InputError(
+            f"{same.sum()} vertices lie exactly on another one, the first are {used[order[first]]} and "
+            f"{used[order[first + 1]]}: faces that should join do not; repair it to merge them "
+            "(read_surface(path, repair=True), --repair)"
+        )
+    if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
+        raise InputError("all faces have area zero: the surface is a line or a point")
+
+
+def list_holes(surface: Surface) -> list[Hole]:
+    """Return the holes and outer borders of a scan, longest first, numbered as `complete_relief` takes them.
+
+    Pieces of fewer than 50 vertices are left out, as in completion.
+
+    Parameters
+    ----------
+    surface : Surface
+
+    Returns
+    -------
+    list of Hole
+        Each with ``number``, ``loop``, ``length``, ``area``, ``center``, ``outer`` and ``describe()``.
+
+    Raises
+    ------
+    InputError
+        For a surface that is empty or whose faces don't fit together.
+    """
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    check_faces(surface.vertices, surface.faces)
+    kept, faces, _ = pieces_on_base(None, surface.vertices, surface.faces)
+    return find_holes(surface.vertices[kept], faces)
+
+
+def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:
+    """Return the base as given or fitted, or "smooth"; say in ``notes`` what was chosen and why.
+
+    "auto" takes the plane, cylinder or sphere that fits best; where none fits, two fit equally well, or most of what is left is
+    shape rather than relief, and the scan encloses a hole, the smoothed scan is the base.
+
+    Raises
+    ------
+    InputError
+        For an unknown base.
+    FitError
+        If no base fits.
+    """
+    if isinstance(base, Plane | Cylinder | Sphere):
+        notes.append(f"base as given: {base.describe()}")
+        return base
+    if not isinstance(base, str) or base not in ("auto", "smooth", *KINDS):
+        raise InputError(
+            f"unknown base {base!r}; known: 'auto', 'smooth', {', '.join(map(repr, KINDS))}, or a Plane, Cylinder or Sphere"
+        )
+    if base == "smooth":
+        return base
+    fitted = fit_base(vertices[used_vertices(faces, len(vertices))], KINDS if base == "auto" else (base,))
+    assert fitted.fit is not None
+    share = _shape_share(fitted, vertices[used_vertices(faces, len(vertices))])
+    unfit = fitted.fit.ambiguous or fitted.fit.poor or share > _MOST_SHAPE
+    if base == "auto" and unfit and not all(h.outer for h in find_holes(vertices, faces)):
+        why = "no plane, cylinder or sphere carries the scan"
+        if fitted.fit.ambiguous:
+            why = "two kinds fit equally well"
+        elif not fitted.fit.poor:
+            why = f"{share:.0%} of what a {fitted.kind} leaves is shape, in waves longer than a fifth of the scan"
+        notes.append(f"base: the smoothed scan, since {why} ({fitted.fit.note})")
+        return "smooth"
+    if fitted.fit.ambiguous:
+        table = ", ".join(f"{k} rms {v[0]:.6g}" for k, v in sorted(fitted.fit.candidates.items()))
+        raise FitError(f"the scan does not decide its base ({table}): say which it is, base='plane', 'cylinder' or 'sphere'")
+    if fitted.fit.poor and base == "auto":
+        raise FitError(
+            f"no plane, cylinder or sphere carries this scan ({fitted.fit.note}), and it encloses no hole that a smooth base "
+            f"could fill: cut out the part that one does carry, or say which to use all the same, base='{fitted.kind}'"
+        )
+    notes += [f"base fitted: {fitted.describe()}", fitted.fit.note]
+    return fitted
+
+
+def _shape_share(base: Base, points: Array) -> float:
+    """Share of the variance of distances from ``base`` between cells of a tenth of the scan: in waves longer than a fifth."""
+    distance = base.distance(points)
+    variance = float(distance.var())
+    low = points.min(axis=0)
+    cell = float(np.linalg.norm(points.max(axis=0) - low)) / 10
+    if variance <= (1e-6 * cell) ** 2:
+        return 0.0
+    _, own = np.unique(np.floor((points - low) / cell).astype(np.int64), axis=0, return_inverse=True)
+    own = own.reshape(-1)
+    count = np.bincount(own)
+    mean = np.bincount(own, distance) / count
+    return float((count * (mean - distance.mean()) ** 2).sum() / (len(points) * variance))
+
+
+def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tuple[Array, Array, str]:
+    """Keep the connected pieces that lie on the base; vertices that no face uses go as well.
+
+    Parameters
+    ----------
+    distance : (N,) array or None
+        From the base, without sign; None keeps every piece that is not tiny.
+    vertices, faces : (N, 3), (F, 3) arrays
+
+    Returns
+    -------
+    kept : (N,) bool array
+    faces : (F', 3) int32 array
+        Renumbered.
+    note : str
+        What was left out; empty where nothing was.
+    """
+    number, label = pieces(faces, len(vertices))
+    used = used_vertices(faces, len(vertices))
+    sizes = np.bincount(label[used], minlength=number)
+    largest = int(np.argmax(sizes))
+    main = used & (label == largest)
+    enough = np.flatnonzero(sizes >= _SMALLEST_PIECE).tolist()
+    if distance is not None:
+        size = float(np.linalg.norm(np.ptp(vertices[main], axis=0)))
+        tolerance = _ON_BASE * max(1.4826 * float(np.median(distance[main])), 1e-9 * size)
+        enough = [p for p in enough if np.median(distance[used & (label == p)]) <= tolerance]
+    taken = np.isin(label, np.array([largest, *enough])) & used
+    real = int((sizes > 0).sum())
+    note = ""
+    if real > 1 or not used.all():
+        left = int((used & ~taken).sum())
+        where = "" if distance is None else "on the base "
+        note = (
+            f"the scan is in {real} pieces: {len({largest, *enough})} {where}taken ({taken.sum()} vertices), the "
+            f"others left out ({left} vertices), {int((~used).sum())} vertices in no face"
+        )
+    renumber = np.cumsum(taken) - 1
+    return taken, renumber[faces[taken[faces].all(axis=1)]].astype(np.int32), note
+
+
+def check_joined(faces: Array, count: int, scanned: int) -> None:
+    """Raise `InputError` where a piece of the triangulation holds no scanned vertex: no relief could grow there."""
+    number_of_pieces, label = pieces(faces, count)
+    reached = np.zeros(number_of_pieces, bool)
+    reached[label[:scanned]] = True
+    if not reached.all():
+        raise InputError(
+            "part of what is to be completed is not joined to the scan, so no relief can grow there: choose an extent that "
+            "touches the scan, or cut spikes off the scan's border"
+        )

@@ -1,0 +1,240 @@
+"""Stage two: non-parametric propagation of relief over the completed part (both papers' algorithm)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from intaglio.arrays import Array, Progress
+from intaglio.randomness import Stream, uniform
+from intaglio.relief.ground import Ground
+from intaglio.relief.growth.samples import Samples
+
+
+@dataclass(frozen=True)
+class Selection:
+    """How a match is chosen among the candidates, and when it is accepted.
+
+    Attributes
+    ----------
+    rule : {"near-best", "best-percent"}
+        "near-best": at random among those within ``factor`` of the least error (paper 000, appendix A). "best-percent":
+        at random among the best ``eta`` percent (paper 001, section 2.2.2).
+    factor : float
+        At least 1.
+    eta : float
+        Percent, in (0, 100].
+    error : float
+        The papers' e: a match is accepted if its weighted mean squared distance is below this, in squared input units.
+    """
+
+    rule: str
+    factor: float
+    eta: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Picks:
+    """One match per target: candidate (-1 for none), and its error in squared input units."""
+
+    sample: Array
+    rotation: Array
+    error: Array
+
+
+class Metric(Protocol):
+    """Compares targets' neighbourhoods with the samples'."""
+
+    samples: Samples
+
+    def pick(self, targets: Array, window: Array, state: State, selection: Selection, draw: Array) -> Picks:
+        """Match each of ``targets`` (T,) with its window and choose one candidate by ``draw`` (T,) in [0, 1)."""
+        ...
+
+    def absorb(self, state: State) -> None:
+        """Take all textured vertices as samples (bootstrapped completion)."""
+        ...
+
+
+@dataclass
+class State:
+    """The growing surface: what each vertex carries so far.
+
+    ``sample`` is the number of the sample that a vertex carries, or is itself; -1 for none.
+    """
+
+    height: Array
+    textured: Array
+    source: Array
+    rotation: Array
+    error: Array
+    color: Array | None
+    sample: Array
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What was propagated, and how it went.
+
+    Attributes
+    ----------
+    state : State
+    waves : int
+        Lists worked through.
+    threshold : float
+        The error bound at the end.
+    shrunk : int
+        Targets whose window shrank.
+    orphans : int
+        Targets that no sample could be compared with; they carry a neighbour's relief.
+    """
+
+    state: State
+    waves: int
+    threshold: float
+    shrunk: int
+    orphans: int
+
+
+def grow_relief(
+    ground: Ground,
+    metric: Metric,
+    *,
+    window: int,
+    selection: Selection,
+    order: str = "wave",
+    bootstrap: bool = False,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Growth:
+    """Grow relief from the scan over all targets.
+
+    The list of untextured vertices next to textured ones is shuffled, then sorted by falling number of textured
+    neighbours. In "sequential" order its vertices are matched and filled one after the other, each seeing those before
+    it: the papers' way. In "wave" order the whole list is matched against the surface as it was when the list was made,
+    then filled at once: neighbours in one list don't see each other, a list is one search, and the result does not
+    depend on the order within it. A vertex that finds no acceptable match waits and shrinks its window by one ring (down
+    to 1); a list that fills nothing raises the error bound by 10 %. Where no sample can be compared at all, even at the
+    smallest window, a vertex takes its textured neighbour's relief.
+
+    Parameters
+    ----------
+    ground : Ground
+        From `prepare_ground`.
+    metric : Metric
+        How neighbourhoods are compared.
+    window : int
+        w, the neighbourhood's radius in edges.
+    selection : Selection
+        Choice and acceptance of matches.
+    order : {"wave", "sequential"}
+    bootstrap : bool
+        Filled vertices become samples.
+    seed : int
+    progress : callable, optional
+        Called with (filled, total) after each list.
+
+    References
+    ----------
+    Breckon & Fisher, TPAMI 2008, section 2.2.2; *Non-parametric 3D Surface Completion*, appendix A.
+    """
+    count = len(ground.measured)
+    graph = ground.topology.graph
+    targets = ~ground.measured & (np.diff(graph.indptr) > 0)
+    state = State(
+        height=ground.height,
+        textured=ground.measured.copy(),
+        source=np.where(ground.measured, np.arange(count), -1).astype(np.int32),
+        rotation=np.zeros(count, np.float32),
+        error=np.zeros(count, np.float32),
+        color=None if ground.color is None else ground.color.copy(),
+        sample=metric.samples.numbers(count),
+    )
+    windows = np.full(count, window)
+    attempts = np.zeros(count, np.int64)
+    threshold = selection.error
+    total, waves, orphans = int(targets.sum()), 0, 0
+    if progress:
+        progress(0, total)
+    while True:
+        support = graph @ state.textured.astype(np.float32)
+        boundary = np.flatnonzero(targets & ~state.textured & (support > 0))
+        if len(boundary) == 0:
+            break
+        shuffled = np.lexsort([uniform(seed, Stream.RELIEF_SHUFFLE, boundary, waves), -support[boundary]])
+        boundary = boundary[shuffled]
+        now = Selection(selection.rule, selection.factor, selection.eta, threshold)
+        lists = [boundary] if order == "wave" else boundary[:, None]
+        filled, viable = 0, False
+        for part in lists:
+            draw = uniform(seed, Stream.RELIEF_PICK, part, attempts[part])
+            picks = metric.pick(part, windows[part], state, now, draw)
+            accepted = (picks.sample >= 0) & (picks.error < threshold)
+            viable |= bool((picks.sample >= 0).any())
+            _fill(state, part[accepted], metric.samples, picks, accepted)
+            failed = part[~accepted]
+            windows[failed] = np.maximum(windows[failed] - 1, 1)
+            attempts[failed] += 1
+            filled += int(accepted.sum())
+            if bootstrap and accepted.any():
+                metric.absorb(state)
+        waves += 1
+        if progress:
+            progress(int((state.textured & targets).sum()), total)
+        if filled == 0 and viable:
+            threshold *= 1.1
+        elif filled == 0 and (windows[boundary] == 1).all():
+            _take_from_neighbours(state, boundary, graph)
+            orphans += len(boundary)
+    return Growth(state, waves, threshold, int((windows[targets] < window).sum()), orphans)
+
+
+def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepted: Array) -> None:
+    chosen = picks.sample[accepted]
+    state.height[vertices] = samples.height[chosen]
+    state.source[vertices] = samples.vertex[chosen]
+    state.sample[vertices] = chosen
+    state.rotation[vertices] = np.mod(picks.rotation[accepted] + samples.turn[chosen], np.float32(2 * np.pi))
+    state.error[vertices] = picks.error[accepted]
+    if state.color is not None and samples.color is not None:
+        state.color[vertices] = samples.color[chosen]
+    state.textured[vertices] = True
+
+
+def _take_from_neighbours(state: State, vertices: Array, graph: csr_array) -> None:
+    """Let ``vertices`` carry the relief of their first textured neighbour, marked by an infinite error."""
+    for vertex in vertices:
+        near = graph.indices[graph.indptr[vertex] : graph.indptr[vertex + 1]]
+        giver = near[state.textured[near]][0]
+        for field in (state.height, state.source, state.rotation, state.sample):
+            field[vertex] = field[giver]
+        if state.color is not None:
+            state.color[vertex] = state.color[giver]
+        state.error[vertex] = np.inf
+    state.textured[vertices] = True
+
+
+def choose_near_best(candidate: Array, cost: Array, count: Array, factor: float, draw: Array) -> tuple[Array, Array]:
+    """Choose at random among the listed candidates whose cost is at most ``factor`` times the least.
+
+    Returns
+    -------
+    chosen : (T,) array
+        Candidate index, -1 where none is listed.
+    cost : (T,) array
+        Its cost.
+    """
+    if candidate.shape[1] == 0:
+        return np.full(len(count), -1), np.full(len(count), np.inf)
+    listed = np.arange(candidate.shape[1]) < count[:, None]
+    best = np.where(listed, cost, np.inf).min(axis=1)
+    eligible = listed & (cost <= factor * best[:, None])
+    wanted = np.minimum((draw * eligible.sum(axis=1)).astype(int), np.maximum(eligible.sum(axis=1) - 1, 0))
+    at = np.argmax(np.cumsum(eligible, axis=1) == wanted[:, None] + 1, axis=1)
+    rows = np.arange(len(count))
+    found = eligible.any(axis=1)
+    return np.where(found, candidate[rows, at], -1), np.where(found, cost[rows, at], np.inf)

@@ -1,0 +1,202 @@
+"""The papers' metric: neighbours laid on the sampled surface, squared distance to its triangles. The reference."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from scipy.sparse import csr_array
+
+from intaglio.arrays import Array
+from intaglio.kernels.launch import launch
+from intaglio.kernels.selection import SHORTLIST, pick_by_rank, select_near_best
+from intaglio.kernels.surface_matching import NOT_VIABLE, surface_ssd_kernel
+from intaglio.relief.ground import Ground
+from intaglio.relief.growth.propagation import Picks, Selection, State, choose_near_best
+from intaglio.relief.growth.samples import Samples, filled_sample_set
+
+# Threads per target on a CPU: few, since a thread prunes by what it has seen itself.
+_STRIDE_CPU, _STRIDE_CUDA = 4, 1024
+
+
+class SurfaceMetric:
+    """Neighbours within w edges, matched by projected position on the base (paper 001, figure 6 and eq. 2).
+
+    Parameters
+    ----------
+    ground : Ground
+    samples : Samples
+    window : int
+        w, in edges.
+    rotations : int
+        R, at least 1.
+    device : str
+    """
+
+    def __init__(self, ground: Ground, samples: Samples, window: int, rotations: int, device: str) -> None:
+        self.samples = samples
+        self.device = device
+        self._ground = ground
+        self._center = ground.foot.mean(axis=0)
+        self._rotations = rotations
+        angle = 2 * np.pi * np.arange(rotations) / rotations
+        self._turns = self._put(np.stack([np.cos(angle), np.sin(angle)], axis=1), wp.vec2)
+        # Distances are squared in single precision: at unit relief scale they keep their digits.
+        relief = ground.height[ground.measured]
+        self._scale = max(float(relief.std()), 1e-6 * ground.spacing)
+        self._mesh = {
+            "foot": self._points(ground.foot),
+            "u": self._put(ground.u, wp.vec3),
+            "v": self._put(ground.v, wp.vec3),
+            "tables": [
+                self._put(table, wp.int32)
+                for table in (
+                    ground.topology.offsets,
+                    ground.topology.neighbours,
+                    ground.topology.face_offsets,
+                    ground.topology.incident,
+                    ground.faces,
+                )
+            ],
+        }
+        self._rings = ring_neighbourhoods(ground, window)
+        self._take(samples, ground.measured)
+
+    def pick(self, targets: Array, window: Array, state: State, selection: Selection, draw: Array) -> Picks:
+        """See `Metric.pick`."""
+        near_best = selection.rule == "near-best"
+        sample_count = len(self.samples.vertex)
+        candidates = sample_count * self._rotations
+        chosen = np.full(len(targets), -1)
+        error = np.full(len(targets), np.inf)
+        at_once = int(np.clip(32_000_000 // candidates, 1, 4096))
+        position = self._points(self._ground.foot + state.height[:, None] * self._ground.normal)
+        for first in range(0, len(targets), at_once):
+            rows = slice(first, first + at_once)
+            part = targets[rows]
+            offsets, listed, weight = self._textured_lists(part, window[rows], state.textured)
+            cost = self._costs(part, offsets, listed, weight, position, selection.factor if near_best else 1e30)
+            if near_best:
+                shortlist = np.zeros((len(part), SHORTLIST), np.int32)
+                count = np.zeros(len(part), np.int32)
+                select_near_best(
+                    cost, np.zeros(len(part), np.float32), selection.factor, shortlist, count,
+                    split=True, stride=sample_count, samples=sample_count,
+                )  # fmt: skip
+                found = np.take_along_axis(cost.numpy(), shortlist, axis=1).astype(np.float64)
+                chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.factor, draw[rows])
+            else:
+                best, count = pick_by_rank(cost.numpy(), selection.eta / 100, draw[rows])
+                chosen[rows] = np.where(count > 0, best[:, 0], -1)
+                error[rows] = np.where(count > 0, np.take_along_axis(cost.numpy(), best, axis=1)[:, 0], np.inf)
+            chosen[rows][np.diff(offsets) == 0] = -1
+        return Picks(
+            np.where(chosen >= 0, chosen % sample_count, -1),
+            np.where(chosen >= 0, 2 * np.pi / self._rotations * (chosen // sample_count), 0).astype(np.float32),
+            np.where(chosen >= 0, error * self._scale**2, np.inf),
+        )
+
+    def absorb(self, state: State) -> None:
+        """See `Metric.absorb`."""
+        samples = filled_sample_set(self._ground, state.textured, state.height, state.source, state.rotation, state.color)
+        self._take(samples, state.textured)
+
+    def _take(self, samples: Samples, is_sample: Array) -> None:
+        ground = self._ground
+        # The descent to the partner starts at a corner of the sample's triangle; its source may lie elsewhere.
+        start = ground.faces[samples.first_face]
+        apart = np.linalg.norm(ground.foot[start] - samples.foot[:, None], axis=2)
+        start = start[np.arange(len(start)), np.argmin(apart, axis=1)]
+        self.samples = samples
+        self._is_sample = self._put(is_sample.astype(np.uint8), wp.uint8)
+        self._candidates = [
+            self._points(samples.foot),
+            self._put(samples.u, wp.vec3),
+            self._put(samples.v, wp.vec3),
+            self._put(start, wp.int32),
+        ]
+
+    def _costs(self, targets: Array, offsets: Array, listed: Array, weight: Array, position: wp.array, factor: float) -> wp.array:
+        candidates = len(self.samples.vertex) * self._rotations
+        stride = min(candidates, _STRIDE_CPU if self.device.startswith("cpu") else _STRIDE_CUDA)
+        cost = wp.full((len(targets), candidates), NOT_VIABLE, dtype=float, device=self.device)
+        mesh = self._mesh
+        launch(
+            surface_ssd_kernel,
+            (len(targets), stride),
+            inputs=[
+                self._put(targets, wp.int32),
+                self._put(offsets, wp.int32),
+                self._put(listed, wp.int32),
+                self._put(weight, float),
+                position,
+                mesh["foot"],
+                mesh["u"],
+                mesh["v"],
+                *mesh["tables"],
+                self._is_sample,
+                *self._candidates,
+                self._turns,
+                stride,
+                float(factor),
+            ],
+            outputs=[cost],
+            device=self.device,
+            grain=1,
+        )
+        return cost
+
+    def _textured_lists(self, targets: Array, window: Array, textured: Array) -> tuple[Array, Array, Array]:
+        """Return offsets (T + 1,), textured neighbours and weights that sum to 1 for each target."""
+        offsets, neighbour, ring, weight = self._rings
+        counts = np.diff(offsets)[targets]
+        row = np.repeat(np.arange(len(targets)), counts)
+        at = np.repeat(offsets[targets] - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+        use = textured[neighbour[at]] & (ring[at] <= window[row])
+        row, at = row[use], at[use]
+        total = np.bincount(row, weight[at], len(targets))
+        out = np.zeros(len(targets) + 1, np.int32)
+        np.cumsum(np.bincount(row, minlength=len(targets)), out=out[1:])
+        return out, neighbour[at], (weight[at] / total[row]).astype(np.float32)
+
+    def _points(self, points: Array) -> wp.array:
+        return self._put((points - self._center) / self._scale, wp.vec3)
+
+    def _put(self, data: Array, dtype: type) -> wp.array:
+        kind = {wp.int32: np.int32, wp.uint8: np.uint8}.get(dtype, np.float32)
+        data = np.ascontiguousarray(data, kind)
+        ndim = 2 if dtype is wp.int32 and data.ndim == 2 else 1
+        return wp.array(data, dtype=dtype, ndim=ndim, device=self.device)
+
+
+def ring_neighbourhoods(ground: Ground, window: int) -> tuple[Array, Array, Array, Array]:
+    """Return, for every target, the vertices within ``window`` edges: offsets (N + 1,), vertex, ring, Gaussian weight.
+
+    Neighbours are ordered ring by ring and by angle, so that each lies next to the one before it.
+    """
+    count = len(ground.measured)
+    graph = ground.topology.graph
+    targets = np.flatnonzero(~ground.measured)
+    reached = csr_array((np.ones(len(targets), np.float32), (np.arange(len(targets)), targets)), shape=(len(targets), count))
+    rows, vertices, rings = [], [], []
+    frontier = reached
+    for ring in range(1, window + 1):
+        wider = (frontier @ graph) + reached
+        wider.data[:] = 1
+        fresh = wider - reached
+        fresh.eliminate_zeros()
+        at = fresh.tocoo()
+        rows.append(at.coords[0])
+        vertices.append(at.coords[1])
+        rings.append(np.full(at.nnz, ring))
+        reached, frontier = wider, fresh
+    row, vertex, ring_of = (np.concatenate(a) for a in (rows, vertices, rings))
+    t = targets[row]
+    offset = ground.foot[vertex] - ground.foot[t]
+    angle = np.arctan2(np.einsum("ij,ij->i", offset, ground.v[t]), np.einsum("ij,ij->i", offset, ground.u[t]))
+    order = np.lexsort([angle, ring_of, t])
+    t, vertex, ring_of = t[order], vertex[order], ring_of[order]
+    distance = np.linalg.norm(offset[order], axis=1)
+    sigma = (2 * window + 1) / 6.4 * ground.spacing
+    offsets = np.zeros(count + 1, np.int64)
+    np.cumsum(np.bincount(t, minlength=count), out=offsets[1:])
+    return offsets, vertex, ring_of, np.exp(-0.5 * (distance / sigma) ** 2)
