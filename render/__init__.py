@@ -7,11 +7,11 @@ from intaglio.render.lit_textures import lit_texture
 from intaglio.render.range_scans import RangeImage, range_scan
 from intaglio.render.relightable import matte_bsdf, relightable_bsdf, relit, relit_plane
 from intaglio.render.variants import Variant, mitsuba, usable_llvm, variant
-from intaglio.render.views import CLAY, Camera, Light, frame, view
+from intaglio.render.views import CLAY, Light, Viewpoint, frame, view
 
 __all__ = [
     "CLAY",
-    "Camera",
+    "Viewpoint",
     "Comparison",
     "Gloss",
     "Light",

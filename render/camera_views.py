@@ -37,7 +37,7 @@ def through_camera(
         Linear texture, row 0 at v = 1.
     matrix, turn, shift : (3, 3), (3, 3), (3,) arrays
         Intrinsics in pixels (centres at whole numbers), rotation and translation; x right, y down, z forwards.
-    size : (width, height)
+    size : (rows, columns)
     lights : sequence of ((3,) array, float), optional
         Vectors towards distant lights and their irradiances, for a matte surface with cast shadows; None shows the texture's
         own values, unlit.
@@ -62,7 +62,7 @@ def through_camera(
     stretched = np.stack([seen[:, 0] + skew / focal * seen[:, 1], seen[:, 1] * other / focal, seen[:, 2]], axis=1)
     if lights is not None and (abs(other / focal - 1) > 1e-6 or abs(skew) > 1e-6 * focal):
         raise ValueError("lit pictures need square pixels: equal focal lengths and no skew")
-    width, height = size
+    height, width = size
     sensor = mi.load_dict(
         {
             "type": "perspective",

@@ -88,7 +88,7 @@ def photometric_capture(
         raise ValueError(f"images of {width} x {depth} pixels don't cover a mesh of {columns - 1} x {rows - 1} cells squarely")
     mesh = textured_mesh(*height_mesh(height), _material(albedo, gloss))
     reach = float(np.ptp(height)) + 2 * max(rows, columns)
-    sensor_settings = orthographic_sensor((width, depth), (columns - 1) / width, float(height.max()) + reach, jitter=True)
+    sensor_settings = orthographic_sensor((depth, width), (columns - 1) / width, float(height.max()) + reach, jitter=True)
     images = np.empty((len(lights), depth, width, 3), np.float32)
     for k, light in enumerate(lights):
         scene: dict[str, Any] = {"type": "scene", "mesh": mesh}

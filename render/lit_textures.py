@@ -8,7 +8,7 @@ import numpy as np
 
 from intaglio.render.relightable import textured_mesh
 from intaglio.render.variants import mitsuba
-from intaglio.render.views import Camera, Light, distant_light, light_direction, make_sensor, over_background
+from intaglio.render.views import Light, Viewpoint, distant_light, light_towards, make_sensor, over_background
 
 
 def color_bitmap(image: np.ndarray) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def lit_texture(
     uv: np.ndarray,
     image: np.ndarray,
     *,
-    camera: Camera,
+    camera: Viewpoint,
     size: tuple[int, int] = (512, 512),
     samples: int = 16,
     background: float = 1.0,
@@ -38,8 +38,8 @@ def lit_texture(
     vertices, faces, uv : (N, 3), (F, 3), (N, 2) arrays
     image : (H, W, 3) array
         Linear reflectance, row 0 at v = 1.
-    camera : Camera
-    size : (width, height)
+    camera : Viewpoint
+    size : (rows, columns)
     samples : int
         Paths per pixel.
     background : float
@@ -54,7 +54,7 @@ def lit_texture(
     shift = np.asarray(camera.target, np.float64)
     origin = np.asarray(camera.origin, np.float64) - shift
     bsdf = mi.load_dict({"type": "twosided", "nested": {"type": "diffuse", "reflectance": color_bitmap(image)}})
-    towards = light_direction(origin, camera.up, Light(tilt=135.0, slant=35.0))
+    towards = light_towards(origin, camera.up, Light(tilt=135.0, slant=35.0))
     scene = mi.load_dict(
         {
             "type": "scene",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.render.variants import mitsuba, variant
-from intaglio.render.views import Camera, make_mesh
+from intaglio.render.views import Viewpoint, make_mesh
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,9 @@ class RangeImage:
     view: np.ndarray
 
 
-def camera_rays(camera: Camera, size: tuple[int, int]) -> np.ndarray:
+def camera_rays(camera: Viewpoint, size: tuple[int, int]) -> np.ndarray:
     """Return unit directions (H, W, 3) through the pixel centres of a camera; row 0 is the top."""
-    width, height = size
+    height, width = size
     origin = np.asarray(camera.origin, np.float64)
     z = np.asarray(camera.target, np.float64) - origin
     z /= np.linalg.norm(z)
@@ -49,7 +49,7 @@ def range_scan(
     vertices: np.ndarray,
     faces: np.ndarray,
     *,
-    camera: Camera,
+    camera: Viewpoint,
     size: tuple[int, int] = (256, 256),
     noise: float = 0.0,
     steepest: float = 75.0,
@@ -61,9 +61,9 @@ def range_scan(
     ----------
     vertices, faces : (N, 3), (F, 3) arrays
         The object.
-    camera : Camera
+    camera : Viewpoint
         Where the scanner stands; its field of view is vertical.
-    size : (width, height)
+    size : (rows, columns)
         Rays across and down.
     noise : float
         Standard deviation of Gaussian noise along the ray, in the mesh's unit.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.render.variants import mitsuba
-from intaglio.render.views import Camera, distant_light, filled_mesh, lit_mesh, make_sensor, over_background
+from intaglio.render.views import Viewpoint, distant_light, filled_mesh, lit_mesh, make_sensor, over_background
 
 # From the components of the light's unit vector, and the functions of an array library, to n coefficients.
 Coefficients = Callable[[Any, Any, Any, Any], list[Any]]
@@ -128,7 +128,7 @@ def relit(
     uv: np.ndarray,
     bsdf: Any,
     *,
-    camera: Camera,
+    camera: Viewpoint,
     light: np.ndarray,
     size: tuple[int, int] = (512, 512),
     samples: int = 16,
@@ -142,10 +142,10 @@ def relit(
     vertices, faces, uv : (N, 3), (F, 3), (N, 2) arrays
     bsdf : Mitsuba BSDF
         From `relightable_bsdf` or `matte_bsdf`.
-    camera : Camera
+    camera : Viewpoint
     light : (3,) array
         Vector towards the light, in the mesh's coordinates; its irradiance is π.
-    size : (width, height)
+    size : (rows, columns)
     samples : int
         Paths per pixel.
     background : float
@@ -173,7 +173,7 @@ def relit_plane(
     Parameters
     ----------
     bsdf : Mitsuba BSDF
-    size : (width, height)
+    size : (rows, columns)
         Of the texture.
     light : (3,) array
         Vector towards the light; x right, y up, z to the camera.
@@ -188,7 +188,7 @@ def relit_plane(
     (H, W, 3) float32 array
     """
     mi = mitsuba()
-    width, height = size
+    height, width = size
     x, y = width / 2, height / 2
     corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float64)
     faces = np.array([[0, 1, 2], [0, 2, 3]] if facing else [[0, 2, 1], [0, 3, 2]])
@@ -201,7 +201,7 @@ def orthographic_sensor(size: tuple[int, int], pixel: float, distance: float, *,
 
     Parameters
     ----------
-    size : (width, height)
+    size : (rows, columns)
         In pixels.
     pixel : float
         Side of a pixel in the scene.
@@ -211,7 +211,7 @@ def orthographic_sensor(size: tuple[int, int], pixel: float, distance: float, *,
         Spread the paths over the pixel at random; else evenly, a single one through its middle.
     """
     mi = mitsuba()
-    width, height = size
+    height, width = size
     place = mi.ScalarTransform4f().look_at(origin=[0, 0, float(distance)], target=[0, 0, 0], up=[0, 1, 0])
     half = pixel * width / 2
     film = {

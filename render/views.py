@@ -13,7 +13,7 @@ CLAY = (0.55, 0.5, 0.45)
 
 
 @dataclass(frozen=True)
-class Camera:
+class Viewpoint:
     """A perspective camera.
 
     Attributes
@@ -54,7 +54,7 @@ class Light:
 
 def frame(
     vertices: np.ndarray, direction: np.ndarray, *, up: ArrayLike = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
-) -> Camera:
+) -> Viewpoint:
     """Return a camera that sees all of ``vertices`` (N, 3) from ``direction`` (3,), the way from the object to the eye."""
     vertices = np.asarray(vertices, np.float64)
     towards = np.asarray(direction, np.float64)
@@ -65,7 +65,7 @@ def frame(
     upward = np.asarray(up, np.float64)
     if abs(upward @ towards) > 0.99 * np.linalg.norm(upward):
         upward = np.eye(3)[np.argmin(np.abs(towards))]
-    return Camera(_triple(middle + distance * towards), _triple(middle), _triple(upward), fov)
+    return Viewpoint(_triple(middle + distance * towards), _triple(middle), _triple(upward), fov)
 
 
 def _triple(vector: np.ndarray) -> tuple[float, float, float]:
@@ -76,7 +76,7 @@ def view(
     vertices: np.ndarray,
     faces: np.ndarray,
     *,
-    camera: Camera,
+    camera: Viewpoint,
     colors: np.ndarray | None = None,
     light: Light = Light(),
     size: tuple[int, int] = (512, 512),
@@ -92,11 +92,11 @@ def view(
     ----------
     vertices, faces : (N, 3), (F, 3) arrays
         In any unit; double precision survey coordinates are moved to the origin first.
-    camera : Camera
+    camera : Viewpoint
     colors : (N, 3) array, optional
         Linear reflectance in [0, 1]; default clay.
     light : Light
-    size : (width, height)
+    size : (rows, columns)
         In pixels.
     samples : int
         Paths per pixel.
@@ -117,9 +117,9 @@ def view(
     shift = np.asarray(camera.target, np.float64)
     mesh = make_mesh(np.asarray(vertices, np.float64) - shift, faces, colors=colors, flat=flat, albedo=albedo)
     origin = np.asarray(camera.origin, np.float64) - shift
-    towards = {"key": light_direction(origin, camera.up, light), "fill": origin / np.linalg.norm(origin)}
+    towards = {"key": light_towards(origin, camera.up, light), "fill": origin / np.linalg.norm(origin)}
     sensor = mi.load_dict(make_sensor(origin, np.zeros(3), np.asarray(camera.up), camera.fov, size))
-    rendered = np.zeros((size[1], size[0], 4), np.float32)
+    rendered = np.zeros((size[0], size[1], 4), np.float32)
     # One light at a time: choosing between lights at random would grain the picture.
     for name, strength in (("key", light.strength), ("fill", light.fill)):
         lit = lit_mesh(mesh, sensor, distant_light(towards[name], strength), samples=samples, seed=seed)
@@ -148,7 +148,7 @@ def over_background(rendered: np.ndarray, background: float) -> np.ndarray:
     return np.ascontiguousarray(rendered[:, :, :3] + (1 - alpha) * np.float32(background))
 
 
-def light_direction(origin: np.ndarray, up: ArrayLike, light: Light) -> np.ndarray:
+def light_towards(origin: np.ndarray, up: ArrayLike, light: Light) -> np.ndarray:
     """Return the unit vector towards the light for a camera at ``origin`` that looks at 0."""
     z = origin / np.linalg.norm(origin)
     x = np.cross(np.asarray(up, np.float64), z)
@@ -159,7 +159,7 @@ def light_direction(origin: np.ndarray, up: ArrayLike, light: Light) -> np.ndarr
 
 
 def make_sensor(origin: np.ndarray, target: np.ndarray, up: np.ndarray, fov: float, size: tuple[int, int]) -> dict[str, object]:
-    """Return Mitsuba's description of a perspective camera with an RGBA film of ``size`` (width, height)."""
+    """Return Mitsuba's description of a perspective camera with an RGBA film of ``size`` (rows, columns)."""
     mi = mitsuba()
     return {
         "type": "perspective",
@@ -170,8 +170,8 @@ def make_sensor(origin: np.ndarray, target: np.ndarray, up: np.ndarray, fov: flo
         ),
         "film": {
             "type": "hdrfilm",
-            "width": int(size[0]),
-            "height": int(size[1]),
+            "width": int(size[1]),
+            "height": int(size[0]),
             "pixel_format": "rgba",
             "rfilter": {"type": "gaussian"},
         },

@@ -32,9 +32,16 @@ def checked_count(name: str, value: int, low: int, high: int) -> int:
 
 def checked_choice(name: str, value: str, known: Sequence[str]) -> str:
     """Return ``value``, or raise `InputError` if it is none of ``known``."""
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
     return value
+
+
+def checked_flag(name: str, value: bool) -> bool:
+    """Return ``value`` as a bool, or raise `InputError` if it is neither True nor False."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{name} must be True or False, not {value!r}")
+    return bool(value)
 
 
 def checked_positive(name: str, value: float) -> float:

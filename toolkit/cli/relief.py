@@ -14,6 +14,23 @@ from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE
 from intaglio.progress import ProgressBar
+from intaglio.relief import FRAMES, METRICS, ORDERS, RULES, SEARCHES
+
+# Options of the command by where they belong.
+_PREPARED = ("base", "extent", "holes", "hole_size", "relief_scale", "spacing", "reference", "device")
+_SETTINGS = (
+    "window",
+    "rotations",
+    "error",
+    "levels",
+    "refine",
+    "color_weight",
+    "metric",
+    "order",
+    "search",
+    "bootstrap",
+    "oversample",
+)
 
 
 @click.command(epilog="Example: intaglio complete statue.ply -o whole.ply --report whole.html")
@@ -35,16 +52,16 @@ from intaglio.progress import ProgressBar
 @click.option("--rotations", type=int, default=None, help="Rotations tried; default 1 where relief has a direction, else 12.")
 @click.option("--levels", type=int, default=1, show_default=True, help="Scales: completed coarse to fine.")
 @click.option("--color-weight", type=float, default=None, help="0 to 1: how much colour counts beside shape.")
-@click.option("--search", type=click.Choice(["auto", "exhaustive", "approximate"]), default="auto", show_default=True)
+@click.option("--search", type=click.Choice(SEARCHES), default="auto", show_default=True)
 @click.option("--memory", type=float, default=None, help="Most memory of the process, in GiB.")
 @click.option("--refine", type=int, default=3, show_default=True, help="Refinement passes after growth; 0: growth alone.")
 @click.option("--spacing", type=float, default=None, help="Distance between new vertices, in the scan's unit.")
-@click.option("--metric", type=click.Choice(["displacement", "surface"]), default="displacement", show_default=True)
-@click.option("--order", type=click.Choice(["wave", "sequential"]), default="wave", show_default=True)
-@click.option("--selection", type=click.Choice(["near-best", "best-percent"]), default="near-best", show_default=True)
-@click.option("--frames", type=click.Choice(["algebraic", "sweep", "reference", "relief"]), default=None, help="Local frames.")
+@click.option("--metric", type=click.Choice(METRICS), default="displacement", show_default=True)
+@click.option("--order", type=click.Choice(ORDERS), default="wave", show_default=True)
+@click.option("--selection", type=click.Choice(RULES), default="near-best", show_default=True)
+@click.option("--frames", type=click.Choice([*FRAMES, "relief"]), default=None, help="Local frames.")
 @click.option("--reference", type=Numbers(3), default=None, help="x,y,z: global vector for --frames reference.")
-@click.option("--factor", type=float, default=1.1, show_default=True, help="near-best: share of the least error.")
+@click.option("--tolerance", type=float, default=0.1, show_default=True, help="near-best: how much above the least error.")
 @click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
 @click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
@@ -60,7 +77,7 @@ def complete(
     repair: bool,
     truth: Path | None,
     report: Path | None,
-    **settings: Any,
+    **options: Any,
 ) -> None:
     """Complete what SCAN did not see: its smooth base, and over it the scan's own relief.
 
@@ -69,8 +86,8 @@ def complete(
     properties measured, source, rotation and error.
     """
     check_readable(scan)
-    if settings["holes"] == "list":
-        low, high = settings["hole_size"] or (0.0, float("inf"))
+    if options["holes"] == "list":
+        low, high = options["hole_size"] or (0.0, float("inf"))
         for hole in intaglio.list_holes(intaglio.read_surface(scan, view=view, repair=repair)):
             if low <= hole.length <= high:
                 click.echo(hole.describe())
@@ -84,12 +101,9 @@ def complete(
         known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
     surface = intaglio.read_surface(scan, view=view, repair=repair)
-    if settings["metric"] == "surface" or settings["bootstrap"]:
-        settings["refine"] = unless_given("refine", 0, settings["refine"])
     start = time.perf_counter()
     try:
-        with ProgressBar("completing") as bar:
-            whole = intaglio.complete_relief(surface, progress=bar.update, **settings)
+        whole = _complete(surface, options)
     except (InputError, intaglio.FitError) as error:
         raise type(error)(f"{scan}: {error}") from error
     for note in surface.notes + whole.notes:
@@ -101,11 +115,27 @@ def complete(
     if report is not None and filled == 0:
         click.echo(f"no report: what was missing of {scan} was closed by triangles alone, there is nothing to assess")
     elif report is not None:
-        from intaglio.relief import write_relief_report
-
-        figures = write_relief_report(
-            whole, report, truth=known, scan=surface, title=f"{scan.name} completed", device=settings["device"]
+        figures = intaglio.write_relief_report(
+            whole, report, truth=known, scan=surface, title=f"{scan.name} completed", device=options["device"]
         )
         for line in figures.lines():
             click.echo(f"  {line}")
         click.echo(f"wrote {report}")
+
+
+def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Surface:
+    """Complete a scan as the command's options say."""
+    settings = {name: options[name] for name in _SETTINGS}
+    if options["metric"] == "surface" or options["bootstrap"]:
+        settings["refine"] = unless_given("refine", 0, options["refine"])
+    selection = intaglio.Selection(options["selection"], options["tolerance"], options["eta"])
+    along_relief = options["frames"] == "relief"
+    laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
+    with ProgressBar("completing") as bar:
+        prepared = intaglio.prepare_relief(surface, **laid)
+        return prepared.complete(
+            intaglio.ReliefSettings(selection=selection, along_relief=along_relief, **settings),
+            seed=options["seed"],
+            memory=options["memory"],
+            progress=bar.update,
+        )

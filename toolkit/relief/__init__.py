@@ -2,22 +2,31 @@
 
 from intaglio.mesh import Base, Cylinder, Plane, SmoothBase, Sphere
 from intaglio.relief.assess import ReliefReport, TruthComparison, assess_relief
-from intaglio.relief.completion import complete_relief
-from intaglio.relief.ground import Hole, fit_base, list_holes, sampling_distance, smoothed
+from intaglio.relief.completion import PreparedRelief, complete_relief, prepare_relief
+from intaglio.relief.ground import FRAMES, Hole, fit_base, list_holes, sampling_distance, smooth_over_surface
+from intaglio.relief.growth import METRICS, ORDERS, RULES, SEARCHES, ReliefSettings, Selection
 from intaglio.relief.pictures import FILLED_TINT, clay_pictures, fixed_cameras, largest_filling, shown, viewpoints
 from intaglio.relief.report import COMPLETED, RELIEF, SCAN, TRUTH, relief_pictures, write_relief_report
 
 __all__ = [
     "COMPLETED",
     "FILLED_TINT",
+    "FRAMES",
+    "METRICS",
+    "ORDERS",
     "RELIEF",
+    "RULES",
     "SCAN",
+    "SEARCHES",
     "TRUTH",
     "Base",
     "Cylinder",
     "Hole",
     "Plane",
+    "PreparedRelief",
     "ReliefReport",
+    "ReliefSettings",
+    "Selection",
     "SmoothBase",
     "Sphere",
     "TruthComparison",
@@ -28,10 +37,11 @@ __all__ = [
     "fixed_cameras",
     "largest_filling",
     "list_holes",
+    "prepare_relief",
     "relief_pictures",
     "sampling_distance",
     "shown",
-    "smoothed",
+    "smooth_over_surface",
     "viewpoints",
     "write_relief_report",
 ]

@@ -1,37 +1,31 @@
-"""`complete_relief`: what a scan did not see, with its relief."""
+"""`complete_relief` and the prepared scan behind it: what a scan did not see, with its relief."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_count, checked_positive
+from intaglio.checks import checked_choice, checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.kernels.location import polar_grid
-from intaglio.mesh import Base, SmoothBase, Surface
+from intaglio.mesh import Base, SmoothBase, Surface, border_edges
 from intaglio.randomness import checked_seed
-from intaglio.relief.ground import FRAMES, Ground, Holes, prepare_ground
+from intaglio.relief.ground import FRAMES, Ground, GroundOptions, Holes, prepare_ground
 from intaglio.relief.growth import (
-    DisplacementMetric,
-    Growth,
-    Metric,
+    Comparison,
+    Parameters,
+    ReliefSettings,
+    Resources,
     Samples,
-    SurfaceMetric,
-    check_combination,
-    check_samples,
-    check_surface,
-    checked_selection,
+    Stage,
     choose_parameters,
-    coarse_relief,
     compare_by,
+    complete_coarse_levels,
     frames_along,
-    grow_relief,
-    plan_search,
-    refine_relief,
+    run_stage,
     sample_set,
     shift_to_rim,
 )
@@ -46,39 +40,26 @@ _OVERSAMPLE_UP_TO = 100_000
 def complete_relief(
     surface: Surface,
     base: Base | str = "auto",
+    *,
     window: int | None = None,
-    error: float | None = None,
     rotations: int | None = None,
-    metric: str = "displacement",
-    order: str = "wave",
     levels: int = 1,
     refine: int = 0,
     color_weight: float | None = None,
     spacing: float | None = None,
     extent: str | Sequence[float] | None = None,
+    holes: Holes = None,
     search: str = "auto",
     seed: int = 0,
     device: str | None = None,
     progress: Progress | None = None,
-    *,
-    frames: str | None = None,
-    reference: Array | None = None,
-    oversample: bool | None = None,
-    bootstrap: bool = False,
-    selection: str = "near-best",
-    factor: float = 1.1,
-    eta: float = 10.0,
-    engine: str = "auto",
-    holes: Holes = None,
-    hole_size: Sequence[float] | None = None,
-    relief_scale: float | None = None,
-    memory: float | None = None,
 ) -> Surface:
     """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
 
     Stage one fits the base and lays target points over the missing part at the scan's density. Stage two grows the
     relief from the scan's border over the targets: every target takes the displacement of a measured vertex whose
-    surroundings look like what is known of its own.
+    surroundings look like what is known of its own. `prepare_relief` does stage one alone, so that stage two can be tried
+    with other settings, seeds or exemplars, and has all other options.
 
     Parameters
     ----------
@@ -88,64 +69,22 @@ def complete_relief(
     base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
         The base, or the kind to fit. "smooth": the scan's own smoothed surface, carried on over its holes. "auto": a plane,
         cylinder or sphere where one fits, else "smooth".
-    window : int, optional
-        w: radius of the neighbourhoods, in edges (times ``spacing`` in length). It should cover the largest feature that
-        repeats. Default from the relief's period or correlation length.
-    error : float, optional
-        e: a match is accepted below this weighted mean squared distance, in squared input units; default
-        from the noise, between a tenth and a half of the variance of what is compared. Rises by 10 % whenever no target can be
-        filled. With several levels the difference in coarse relief counts in a match's distance as well.
-    rotations : int, optional
-        R: every sample is tried at R rotations about its normal. 0 or 1 for none, as suits relief with a direction; more
-        for isotropic relief. Default 1 where the relief has a direction, else 12.
-    metric : {"displacement", "surface"}
-        "displacement" compares heights over a tangent grid; "surface" is the papers' point-to-triangle measure, slower.
-    order : {"wave", "sequential"}
-        "wave" fills the whole boundary list at once; "sequential" one vertex after the other, as the papers do.
-    levels : int
-        Scales, 1 to 6: relief is completed coarse to fine, each level's targets half as far apart as the one's before, and
-        compared in the coarser relief as well.
-    refine : int
-        Passes that match the filled part again as a whole, vote, and copy; removes what growth got wrong. 0: none.
-    color_weight : float, optional
-        1 - mu of paper 000, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
-        then the combined measure times the squared largest difference of measured displacements. Default: shape alone
-        decides. Colours are carried along with the relief in any case.
+    window, rotations, levels, refine, color_weight, search
+        See `ReliefSettings`.
     spacing : float, optional
         Distance between targets, a length in the input's unit; default from the scan's edges.
     extent : str or sequence of float, optional
-        What to complete: None or "whole", "rectangle", "holes", or numbers; see `intaglio.relief.ground.extent`.
-    search : {"auto", "exhaustive", "approximate"}
-        "exhaustive" compares every sample; "approximate" looks beside what neighbours were matched to, and beside the best of
-        some thousand samples. "auto": exhaustive up to 50,000 candidates (samples times rotations), and beyond while it is
-        a matter of seconds.
+        What to complete of a plane, cylinder or sphere: None or "whole", "rectangle", "holes", or numbers, (low, high) along
+        an axis or (u0, u1, v0, v1) in the chart.
+    holes : {"all", "largest", "every"}, int or sequence of int, optional
+        With a smooth base: what to fill. "all": the holes that the scan encloses (default); "every": where the scan ends as
+        well; numbers as `list_holes` gives them.
     seed : int
         The same seed gives the same bits.
     device : str, optional
         "cpu", "cuda:0"; default CUDA if there is one.
     progress : callable, optional
         Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
-    frames : {"algebraic", "sweep", "reference", "relief"}, optional
-        Local frames; default by the base. ``reference`` is the vector for "reference". "relief" turns every frame along the
-        slope of the coarser relief (levels > 1), so that one rotation does for relief without a direction.
-    oversample : bool, optional
-        Halve the sample set's edges; default where targets don't continue the scan's lattice and candidates stay few.
-    bootstrap : bool
-        Filled vertices become samples.
-    selection : {"near-best", "best-percent"}
-        At random among matches within ``factor`` of the best (paper 000), or among the best ``eta`` percent (paper 001).
-    engine : {"auto", "blas", "warp"}
-        How the displacement metric's costs are computed; with "near-best" the choices are the same.
-
-    holes : {"all", "largest", "every"}, int or sequence of int, optional
-        With a smooth base: what to fill. "all": the holes that the scan encloses (default); "every": where the scan ends as
-        well; numbers as `intaglio info` lists them.
-    hole_size : (low, high), optional
-        With a smooth base: only holes whose rim is so long, in the input's unit.
-    relief_scale : float, optional
-        With a smooth base: the wave length, in the input's unit, below which the surface is relief; default 12 spacings.
-    memory : float, optional
-        Most memory of the process, in GiB: tables are made in chunks and samples thinned to fit.
 
     Returns
     -------
@@ -162,139 +101,339 @@ def complete_relief(
 
     References
     ----------
-    T. P. Breckon, R. B. Fisher, *Three-Dimensional Surface Relief Completion via Nonparametric Techniques*, IEEE TPAMI
-    30(12), 2008; *Non-parametric 3D Surface Completion*, section 3 and appendix A.
+    T. P. Breckon, R. B. Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI
+    30(12), 2008; "Non-parametric 3D Surface Completion", 3DIM 2005, section 3 and appendix A.
 
     Examples
     --------
+    A wavy sheet with a hole:
+
+    >>> import numpy as np
     >>> import intaglio
-    >>> scan = intaglio.read_surface("golfball.ply")  # doctest: +SKIP
-    >>> whole = intaglio.complete_relief(scan, base="sphere", rotations=24, seed=1)  # doctest: +SKIP
+    >>> x, y = np.meshgrid(np.arange(24.0), np.arange(24.0))
+    >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+    >>> points[9:13, 9:13] = np.nan
+    >>> scan = intaglio.surface_from_range_image(points, view=(12, 12, 100))
+    >>> whole = intaglio.complete_relief(scan, "plane", window=4, rotations=1, extent="holes")
+    >>> int((~whole.measured).sum())
+    16
+    >>> bool(np.array_equal(whole.vertices[whole.measured], scan.vertices))
+    True
     """
-    check_surface(surface)
-    window = None if window is None else checked_count("window", window, 1, 64)
-    rotations = None if rotations is None else checked_count("rotations", rotations, 0, 720) or 1
-    refine = checked_count("refine", refine, 0, 100)
-    levels = checked_count("levels", levels, 1, 6)
-    seed = checked_seed(seed)
-    for name, value, known in (
-        ("metric", metric, ("displacement", "surface")),
-        ("order", order, ("wave", "sequential")),
-        ("search", search, ("auto", "exhaustive", "approximate")),
-        ("engine", engine, ("auto", "blas", "warp")),
-        ("frames", frames, (None, *FRAMES, "relief")),
-    ):
-        if not (value is None or isinstance(value, str)) or value not in known:
-            raise InputError(f"{name} must be one of {', '.join(map(repr, known))}, not {value!r}")
-    if progress is not None and not callable(progress):
-        raise InputError(f"progress must be callable, not {type(progress).__name__}")
-    check_combination(
-        levels,
-        color_weight,
-        refine,
-        metric,
-        bootstrap=bootstrap,
-        selection=selection,
-        search=search,
-        frames=frames,
-        memory=memory,
+    settings = ReliefSettings(
+        window=window, rotations=rotations, levels=levels, refine=refine, color_weight=color_weight, search=search
     )
-    memory = None if memory is None else checked_positive("memory", memory)
+    prepared = prepare_relief(surface, base, spacing=spacing, extent=extent, holes=holes, device=device)
+    return prepared.complete(settings, seed=seed, progress=progress)
+
+
+def prepare_relief(
+    surface: Surface,
+    base: Base | str = "auto",
+    *,
+    spacing: float | None = None,
+    extent: str | Sequence[float] | None = None,
+    holes: Holes = None,
+    hole_size: Sequence[float] | None = None,
+    relief_scale: float | None = None,
+    frames: str | None = None,
+    reference: Array | None = None,
+    device: str | None = None,
+) -> PreparedRelief:
+    """Prepare a scan for completion: fit its base, lay targets over what is missing, and set local frames.
+
+    Parameters
+    ----------
+    surface : Surface
+        The scan; all its vertices count as measured.
+    base, spacing, extent, holes
+        See `complete_relief`.
+    hole_size : (low, high), optional
+        With a smooth base: only holes whose rim is so long, in the input's unit.
+    relief_scale : float, optional
+        With a smooth base: the wave length, in the input's unit, below which the surface is relief; default 12 spacings.
+    frames : {"algebraic", "sweep", "reference"}, optional
+        Local frames: from the normal's smallest component, swept from neighbour to neighbour, or the projection of one
+        vector. Default by the base: a global reference on a plane and a cylinder, the sweep elsewhere.
+    reference : (3,) array, optional
+        The vector for "reference"; default the cylinder's axis or the plane's chart direction.
+    device : str, optional
+        "cpu", "cuda:0"; default CUDA if there is one.
+
+    Returns
+    -------
+    PreparedRelief
+        Its ``complete`` grows relief with any settings, without fitting again.
+
+    Raises
+    ------
+    InputError
+        For a surface or argument that can't be used.
+    FitError
+        If no base fits, or several fit equally well.
+
+    References
+    ----------
+    T. P. Breckon, R. B. Fisher, IEEE TPAMI 30(12), 2008, section 2.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(24.0), np.arange(24.0))
+    >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+    >>> points[9:13, 9:13] = np.nan
+    >>> scan = intaglio.surface_from_range_image(points, view=(12, 12, 100))
+    >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+    >>> prepared.base.kind, prepared.targets
+    ('plane', 16)
+    >>> narrow, wide = (prepared.complete(intaglio.ReliefSettings(window=w, rotations=1)) for w in (3, 6))
+    >>> len(narrow.vertices) == len(wide.vertices)
+    True
+    """
+    _check_surface(surface)
+    if frames is not None:
+        checked_choice("frames", frames, FRAMES)
     chosen_device = device_or_error(device)
-    if engine == "blas" and not chosen_device.startswith("cpu"):
-        raise InputError(f"engine='blas' runs on the CPU, not on {chosen_device}; give device='cpu' or engine='auto'")
+    options = GroundOptions(spacing, extent, holes, hole_size, relief_scale, frames, reference)
+    ground = prepare_ground(surface, base, options, device=chosen_device)
+    _check_samples(ground)
+    return PreparedRelief(surface, ground, options, chosen_device)
 
-    def ground_at(distance: float | None, shape: Base | str = base, scale: float | None = relief_scale) -> Ground:
-        return prepare_ground(
-            surface, shape, spacing=distance, extent=extent, frames=None if frames == "relief" else frames,
-            reference=reference, holes=holes, hole_size=hole_size, relief_scale=scale, device=chosen_device,
-        )  # fmt: skip
 
-    ground = ground_at(spacing)
-    check_samples(ground)
-    comparison = compare_by(ground, color_weight)
-    relief = ground.height[ground.measured]
-    variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
-    rule = checked_selection(selection, factor, eta, error)
-    chosen = choose_parameters(ground, window, error, rotations, variance, 1 - comparison.color_weight)
-    turned = rotations is None and frames == "relief"
-    window, rotations = chosen.window, chosen.rotations
-    rule = replace(rule, error=chosen.error)
-    notes = chosen.notes
-    if levels > 1:
-        guide = coarse_relief(
-            ground, _coarser(ground, ground_at), levels,
-            window=window, rotations=rotations, selection=rule, seed=seed, device=chosen_device, memory=memory,
-        )  # fmt: skip
-        comparison = replace(comparison, coarse=guide)
-        notes += (f"{levels} levels, the coarsest with targets {ground.spacing * 2 ** (levels - 1):.4g} apart",)
-        if frames == "relief":
+@dataclass(frozen=True)
+class PreparedRelief:
+    """A scan over its base, with targets over what is missing: what `prepare_relief` returns.
+
+    Attributes
+    ----------
+    surface : Surface
+        The scan.
+    ground : Ground
+        Base, targets, triangulation and frames.
+    options : GroundOptions
+        What the ground was laid with.
+    device : str
+        Where the work is done.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(24.0), np.arange(24.0))
+    >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+    >>> points[9:13, 9:13] = np.nan
+    >>> scan = intaglio.surface_from_range_image(points, view=(12, 12, 100))
+    >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+    >>> prepared.spacing
+    1.0
+    """
+
+    surface: Surface
+    ground: Ground
+    options: GroundOptions
+    device: str
+
+    @property
+    def base(self) -> Base:
+        """The smooth base, with its fit if it was fitted."""
+        return self.ground.base
+
+    @property
+    def spacing(self) -> float:
+        """Distance between targets, in the input's unit."""
+        return self.ground.spacing
+
+    @property
+    def targets(self) -> int:
+        """How many vertices are to be filled."""
+        return int((~self.ground.measured).sum())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was chosen, for the user."""
+        return self.ground.notes
+
+    def complete(
+        self,
+        settings: ReliefSettings | None = None,
+        *,
+        exemplar: Array | None = None,
+        seed: int = 0,
+        memory: float | None = None,
+        progress: Progress | None = None,
+    ) -> Surface:
+        """Grow relief over the targets.
+
+        Parameters
+        ----------
+        settings : ReliefSettings, optional
+            Default: every choice left to the relief.
+        exemplar : (V,) bool array, optional
+            The vertices of the scan whose relief may be taken; default all. Their surroundings are compared as a whole all the
+            same.
+        seed : int
+            The same seed gives the same bits.
+        memory : float, optional
+            Most memory of the process, in GiB: tables are made in chunks and samples thinned to fit. Works with the
+            displacement metric.
+        progress : callable, optional
+            Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
+
+        Returns
+        -------
+        Surface
+            See `complete_relief`.
+
+        Raises
+        ------
+        InputError
+            For settings that don't go with the scan, or an exemplar that leaves no sample.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(24.0), np.arange(24.0))
+        >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+        >>> points[9:13, 9:13] = np.nan
+        >>> scan = intaglio.surface_from_range_image(points, view=(12, 12, 100))
+        >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+        >>> left = scan.vertices[:, 0] < 9
+        >>> whole = prepared.complete(intaglio.ReliefSettings(window=3), exemplar=left)
+        >>> bool(left[whole.source[~whole.measured]].all())
+        True
+        """
+        settings = ReliefSettings() if settings is None else settings
+        resources = self._resources(settings, seed, memory)
+        if progress is not None and not callable(progress):
+            raise InputError(f"progress must be callable, not {type(progress).__name__}")
+        ground = self.ground
+        comparison = compare_by(ground, settings.color_weight)
+        relief = ground.height[ground.measured]
+        variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
+        parameters = choose_parameters(
+            ground, settings.window, settings.error, settings.rotations, variance, 1 - comparison.color_weight
+        )
+        notes = parameters.notes
+        if settings.levels > 1:
+            ground, comparison, parameters, said = self._guided(settings, comparison, parameters, resources)
+            notes += said
+        samples, oversampled = self._samples(ground, settings, parameters, exemplar)
+        stage = run_stage(ground, samples, parameters, settings, comparison, resources, progress)
+        notes += stage.notes
+        notes += _account(ground, stage, settings, parameters, resources, oversampled)
+        if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
+            notes += ("the scan has no relief over its base: what was filled is the smooth surface",)
+        if stage.growth.orphans:
+            notes += (f"{stage.growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
+        return _completed(ground, stage, notes)
+
+    def _resources(self, settings: ReliefSettings, seed: int, memory: float | None) -> Resources:
+        """Return what the work may use, checked against the settings."""
+        if not isinstance(settings, ReliefSettings):
+            raise InputError(f"settings must be an intaglio.ReliefSettings, not {type(settings).__name__}")
+        seed = checked_seed(seed)
+        if memory is not None:
+            memory = checked_positive("memory", memory)
+            if settings.metric == "surface":
+                raise InputError("memory works with metric='displacement'; leave it out or change the metric")
+        if settings.engine == "blas" and not self.device.startswith("cpu"):
+            raise InputError(f"engine='blas' runs on the CPU, not on {self.device}; give device='cpu' or engine='auto'")
+        return Resources(seed, self.device, memory)
+
+    def _guided(
+        self, settings: ReliefSettings, comparison: Comparison, parameters: Parameters, resources: Resources
+    ) -> tuple[Ground, Comparison, Parameters, tuple[str, ...]]:
+        """Complete the coarser levels; return ground, comparison and parameters of the finest, guided by them, and notes."""
+        ground = self.ground
+        guide = complete_coarse_levels(ground, self._at_spacing(), parameters, settings, resources)
+        notes = [f"{settings.levels} levels, the coarsest with targets {ground.spacing * 2 ** (settings.levels - 1):.4g} apart"]
+        if settings.along_relief:
             u, v = frames_along(ground, guide)
             ground = replace(ground, u=u, v=v)
-            if turned:
-                notes += ("rotations 1 at the finest level: frames lie along the coarser relief",)
-                rotations = 1
-    if oversample is None:
-        oversample = not ground.regular and 4 * len(relief) * rotations <= _OVERSAMPLE_UP_TO
-    samples = sample_set(ground, oversample)
-    matcher: Metric
-    if metric == "displacement":
-        points = len(polar_grid(max(window, 2), rotations)[1]) * len(comparison.factors())
-        plan = plan_search(ground, samples, points, rotations, _search(search, bootstrap, selection), memory, seed)
-        notes += plan.notes
-        matcher = DisplacementMetric(
-            ground, plan.samples, window, rotations, chosen_device, engine,
-            comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed,
-        )  # fmt: skip
-    else:
-        matcher = SurfaceMetric(ground, samples, window, rotations, chosen_device)
-    # A refinement pass counts as much as growth: every vertex is matched once in each.
-    shares = 1 + refine
+            if settings.rotations is None:
+                notes.append("rotations 1 at the finest level: frames lie along the coarser relief")
+                parameters = replace(parameters, rotations=1)
+        return ground, replace(comparison, coarse=guide), parameters, tuple(notes)
 
-    def report(done: int, total: int) -> None:
-        if progress is not None:
-            progress(done, total * shares)
+    def _at_spacing(self) -> Callable[[float], Ground]:
+        """Return what lays targets further apart over the same base; a smooth base is laid anew, at the same relief scale."""
+        base: Base | str = self.ground.base
+        options = self.options
+        if isinstance(base, SmoothBase):
+            options, base = replace(options, relief_scale=base.relief_scale), "smooth"
+        return lambda spacing: prepare_ground(self.surface, base, replace(options, spacing=spacing), device=self.device)
 
-    growth = grow_relief(
-        ground, matcher, window=window, selection=rule, order=order, bootstrap=bootstrap, seed=seed, progress=report
+    def _samples(
+        self, ground: Ground, settings: ReliefSettings, parameters: Parameters, exemplar: Array | None
+    ) -> tuple[Samples, bool]:
+        """Return the samples, those of the exemplar if there is one, and whether their edges were halved."""
+        oversample = settings.oversample
+        if oversample is None:
+            candidates = 4 * int(ground.measured.sum()) * parameters.rotations
+            oversample = not ground.regular and candidates <= _OVERSAMPLE_UP_TO
+        samples = sample_set(ground, oversample)
+        if exemplar is None:
+            return samples, oversample
+        if settings.bootstrap:
+            raise InputError("exemplar and bootstrap exclude each other: with bootstrap every textured vertex becomes a sample")
+        chosen = np.asarray(exemplar)
+        count = len(self.surface.vertices)
+        if chosen.dtype != bool or chosen.shape != (count,):
+            raise InputError(f"exemplar must be a bool array of shape ({count},), not {chosen.dtype} {chosen.shape}")
+        keep = np.flatnonzero(chosen[ground.kept][samples.vertex])
+        if len(keep) == 0:
+            raise InputError("exemplar selects no vertex of the scan that lies on the base: there is nothing to take relief from")
+        return samples.part(keep), oversample
+
+
+def _check_surface(surface: Surface) -> None:
+    """Raise `InputError` for what is no surface, or one that holds filled vertices."""
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
+    made_up = int((~surface.measured).sum())
+    if made_up:
+        raise InputError(
+            f"the surface holds {made_up} vertices that were filled, not measured: they can't serve as measurements; "
+            "complete the scan itself"
+        )
+
+
+def _check_samples(ground: Ground) -> None:
+    """Raise `InputError` where no measured vertex has measured surface all around it."""
+    inner = ground.measured.copy()
+    inner[ground.faces[~ground.measured[ground.faces].all(axis=1)]] = False
+    inner[np.unique(border_edges(ground.faces))] = False
+    if not inner.any():
+        raise InputError(
+            f"fewer samples than the smallest window needs: none of {int(ground.measured.sum())} measured vertices has "
+            "measured surface all around it"
+        )
+
+
+def _account(
+    ground: Ground, stage: Stage, settings: ReliefSettings, parameters: Parameters, resources: Resources, oversampled: bool
+) -> tuple[str, ...]:
+    """Return notes of what the relief was grown with and how it went."""
+    window, growth = parameters.window, stage.growth
+    return (
+        f"window {window} (reach {window * ground.spacing:.6g}), rotations {parameters.rotations}, metric {settings.metric}, "
+        f"order {settings.order}, {len(stage.samples.vertex)} samples{' (oversampled)' if oversampled else ''}, "
+        f"seed {resources.seed}, device {resources.device}",
+        f"grown in {growth.waves} lists; error bound {parameters.error:.6g} at first, {growth.threshold:.6g} at last; "
+        f"{growth.shrunk} windows shrunk" + (f"; {stage.passes} refinement passes" if stage.passes else ""),
     )
-    passes = 0
-    if refine:
-        assert isinstance(matcher, DisplacementMetric)
-        passes = refine_relief(ground, matcher, growth.state, window=window, passes=refine, seed=seed, progress=progress)
-    settings: tuple[str, ...] = (
-        f"window {window} (reach {window * ground.spacing:.6g}), rotations {rotations}, metric {metric}, order {order}, "
-        f"{len(matcher.samples.vertex)} samples{' (oversampled)' if oversample else ''}, seed {seed}, device {chosen_device}",
-        f"grown in {growth.waves} lists; error bound {rule.error:.6g} at first, {growth.threshold:.6g} at last; "
-        f"{growth.shrunk} windows shrunk" + (f"; {passes} refinement passes" if passes else ""),
-    )
-    if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
-        settings += ("the scan has no relief over its base: what was filled is the smooth surface",)
-    if growth.orphans:
-        settings += (f"{growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-    return _completed(ground, growth, matcher.samples, notes + settings)
 
 
-def _coarser(ground: Ground, ground_at: Callable[..., Ground]) -> Callable[[float], Ground]:
-    """Grounds over the same base with targets further apart; a smooth base is laid anew, at the same relief scale."""
-    if isinstance(ground.base, SmoothBase):
-        scale = ground.base.relief_scale
-        return lambda distance: ground_at(distance, "smooth", scale)
-    return lambda distance: ground_at(distance, ground.base)
-
-
-def _search(search: str, bootstrap: bool, selection: str) -> str:
-    """Ranks and growing sample sets need every sample compared."""
-    return "exhaustive" if search == "auto" and (bootstrap or selection == "best-percent") else search
-
-
-def _completed(ground: Ground, growth: Growth, samples: Samples, notes: tuple[str, ...]) -> Surface:
-    state = growth.state
+def _completed(ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
+    """Return the surface that the scan and the grown relief make together."""
+    state = stage.growth.state
     vertices = ground.vertices.copy()
     filled = state.textured & ~ground.measured
     foot, model = ground.foot, ground.base
     if isinstance(model, SmoothBase):
-        foot = foot + shift_to_rim(ground, state, samples)[:, None] * ground.normal
+        foot = foot + shift_to_rim(ground, state, stage.samples)[:, None] * ground.normal
         model = replace(model, vertices=foot)
     vertices[filled] = foot[filled] + state.height[filled, None] * ground.normal[filled]
     return Surface(

@@ -6,7 +6,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.mesh import SmoothBase, Surface, pieces
-from intaglio.render import CLAY, Camera, Light, frame, view
+from intaglio.render import CLAY, Light, Viewpoint, frame, view
 
 # How far around the largest filling a picture reaches, in its own radii.
 _SURROUNDINGS = 1.8
@@ -83,7 +83,7 @@ def _aboutlargest_filling(surface: Surface) -> list[tuple[str, Array, Array]]:
     ]
 
 
-def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) -> list[Camera]:
+def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) -> list[Viewpoint]:
     """Return the cameras that see all of ``surface`` from the directions, to look at other surfaces from there too."""
     used = np.unique(surface.faces)
     used = used[shown(surface, surface)[used]]
@@ -91,20 +91,20 @@ def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) 
 
 
 def clay_pictures(
-    surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480), color: bool = True
+    surface: Surface, cameras: list[Viewpoint], *, size: tuple[int, int] = (480, 480), color: bool = True
 ) -> list[Array]:
     """Return linear renderings (H, W, 3) of ``surface``, with ``color`` in its colours if it has any, else in clay."""
     return [picture(surface, camera, colors=surface.color if color else None, size=size) for camera in cameras]
 
 
-def provenance_pictures(surface: Surface, cameras: list[Camera], *, size: tuple[int, int] = (480, 480)) -> list[Array]:
+def provenance_pictures(surface: Surface, cameras: list[Viewpoint], *, size: tuple[int, int] = (480, 480)) -> list[Array]:
     """Return renderings with the measured part in clay and the filled part in blue."""
     colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
     return [picture(surface, camera, colors=colors, size=size) for camera in cameras]
 
 
 def difference_pictures(
-    surface: Surface, difference: Array, cameras: list[Camera], *, limit: float, size: tuple[int, int] = (480, 480)
+    surface: Surface, difference: Array, cameras: list[Viewpoint], *, limit: float, size: tuple[int, int] = (480, 480)
 ) -> list[Array]:
     """Return evenly lit renderings coloured by signed difference: blue below the truth, white none, red above."""
     colors = diverging(difference / limit)
@@ -114,7 +114,7 @@ def difference_pictures(
 
 def picture(
     surface: Surface,
-    camera: Camera,
+    camera: Viewpoint,
     *,
     colors: Array | None = None,
     size: tuple[int, int] = (480, 480),

@@ -4,19 +4,19 @@ from intaglio.relief.ground.extent import sampling_distance
 from intaglio.relief.ground.fit import fit_base
 from intaglio.relief.ground.frames import FRAMES
 from intaglio.relief.ground.holes import Hole, Holes
-from intaglio.relief.ground.prepare import Ground, number, prepare_ground
+from intaglio.relief.ground.prepare import Ground, GroundOptions, prepare_ground
 from intaglio.relief.ground.scan import list_holes
-from intaglio.relief.ground.thin_plate import smoothed
+from intaglio.relief.ground.thin_plate import smooth_over_surface
 
 __all__ = [
     "FRAMES",
     "Ground",
+    "GroundOptions",
     "Hole",
     "Holes",
     "fit_base",
     "list_holes",
-    "number",
     "prepare_ground",
     "sampling_distance",
-    "smoothed",
+    "smooth_over_surface",
 ]

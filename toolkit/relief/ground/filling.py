@@ -14,9 +14,9 @@ from intaglio.errors import InputError
 from intaglio.kernels.geodesics import nearest_on_mesh
 from intaglio.mesh import SmoothBase, Topology, adjacency, edge_keys, pieces, unique_edges, unit, vertex_normals
 from intaglio.relief.ground.holes import Hole
-from intaglio.relief.ground.patches import RimError, refined, triangulated_rim
-from intaglio.relief.ground.thin_plate import smoothed
-from intaglio.sparse import solved
+from intaglio.relief.ground.patches import RimError, refine_patch, triangulate_rim
+from intaglio.relief.ground.thin_plate import smooth_over_surface
+from intaglio.sparse import solve_symmetric
 
 # Most vertices of a hole that are solved for at once; a larger hole is solved on coarser triangles and refined afterwards.
 _SOLVED_AT_ONCE = 15_000
@@ -112,7 +112,7 @@ def fill_smoothly(
         raise InputError(f"no hole could be filled: {failed[0]}; cut the faces at its rim away")
     together = np.concatenate(triangles).astype(np.int32)
     everything = np.concatenate(points)
-    surface = smoothed(everything, everything, together, relief_scale)
+    surface = smooth_over_surface(everything, everything, together, relief_scale)
     normals = vertex_normals(surface, together)
     height = np.einsum("ij,ij->i", vertices - surface[: len(vertices)], normals[: len(vertices)])
     foot = surface.copy()
@@ -184,7 +184,7 @@ def _drawn_along(slip: Array, faces: Array, count: int) -> Array:
     own = csr_array(graph[:, scanned:])
     system = csr_array(diags_array(degree + 1.5 / _SLIP_REACH**2) - own)
     right = graph[:, :scanned] @ slip
-    return solved(system, right, np.zeros(right.shape))
+    return solve_symmetric(system, right, np.zeros(right.shape))
 
 
 def _patch(scan: _Scan, hole: Hole, islands: list[Hole], spacing: float, device: str) -> _Patch:
@@ -194,7 +194,7 @@ def _patch(scan: _Scan, hole: Hole, islands: list[Hole], spacing: float, device:
     # Pairs of rim vertices that are joined already: neither a triangle nor a flip may make that edge again.
     joined = scan.joined(rim)
     try:
-        triangles = triangulated_rim(scan.vertices, np.sort(edge_keys(joined, len(scan.vertices))), loops, device)
+        triangles = triangulate_rim(scan.vertices, np.sort(edge_keys(joined, len(scan.vertices))), loops, device)
         local = np.searchsorted(rim, triangles)
     except RimError:
         # Every chord is an edge of the scan already: a few triangles about a vertex in the middle need none.
@@ -234,7 +234,7 @@ class _Patch:
     def refine(self, spacing: float) -> None:
         """Split and flip until edges are about ``spacing`` long."""
         table = np.sort(edge_keys(self._joined, len(self.points)))
-        self.points, self.faces = refined(self.points, self.faces, spacing, table)
+        self.points, self.faces = refine_patch(self.points, self.faces, spacing, table)
         self.coarse = spacing
 
 
@@ -255,7 +255,7 @@ def _fairest(scan: _Scan, flat: _Patch, spacing: float, relief_scale: float) -> 
     if patch.coarse > 1.001 * spacing:
         facets = patch.coarse
         patch.refine(spacing)
-        patch.points = smoothed(
+        patch.points = smooth_over_surface(
             patch.points, patch.points, patch.faces, 5 * facets, free=np.arange(len(patch.points)) >= len(rim)
         )
     inner = patch.points[len(rim) :]
@@ -276,7 +276,7 @@ def _faired(band: Array, band_faces: Array, rim: Array, flat: _Patch, relief_sca
         mesh = np.concatenate([band_faces, number[patch.faces]])
         geometry = np.concatenate([smooth_band, inner])
         weight = np.concatenate([np.ones(len(band)), np.zeros(len(inner))])
-        found = smoothed(
+        found = smooth_over_surface(
             np.concatenate([band, inner]), geometry, mesh, relief_scale, weight=weight, film=number[patch.faces], tension=tension
         )
         smooth_band = found[: len(band)]
@@ -309,7 +309,7 @@ def _islands(scan: _Scan, chosen: list[Hole], every: list[Hole], device: str) ->
             continue
         try:
             table = np.sort(edge_keys(scan.joined(np.unique(hole.loop)), len(vertices)))
-            triangles = triangulated_rim(vertices, table, [hole.loop], device)
+            triangles = triangulate_rim(vertices, table, [hole.loop], device)
         except RimError:
             continue
         # A few triangles are enough to say whether a piece lies over the hole.

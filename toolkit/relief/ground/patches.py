@@ -26,7 +26,7 @@ class RimError(Exception):
     """A rim that no triangulation closes without running through an edge twice."""
 
 
-def triangulated_rim(vertices: Array, edge_table: Array, loops: list[Array], device: str) -> Array:
+def triangulate_rim(vertices: Array, edge_table: Array, loops: list[Array], device: str) -> Array:
     """Return triangles (T, 3) over the vertices of one hole: its rim and the rims of islands in it.
 
     Parameters
@@ -113,7 +113,7 @@ def _listed(keys: Array, table: Array) -> Array:
     return np.asarray(table[np.minimum(np.searchsorted(table, keys), len(table) - 1)] == keys)
 
 
-def refined(points: Array, faces: Array, spacing: float, barred: Array) -> tuple[Array, Array]:
+def refine_patch(points: Array, faces: Array, spacing: float, barred: Array) -> tuple[Array, Array]:
     """Refine a patch until its inner edges are about ``spacing`` long; its rim stays as it is.
 
     Edges that are the longest of both their triangles are halved, then edges are flipped towards Delaunay's criterion and new

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,42 @@ from intaglio.relief.ground.triangulation import fill_base
 
 # Default of the relief scale, in spacings.
 _RELIEF_SCALE = 12
+
+
+@dataclass(frozen=True)
+class GroundOptions:
+    """Where targets are laid, and how their frames lie; None leaves a choice to the scan.
+
+    Attributes
+    ----------
+    spacing : float, optional
+        Distance between targets, a length in the input's unit; default from the scan's edge lengths.
+    extent : str or sequence of float, optional
+        What to complete of a plane, cylinder or sphere; see `region_to_complete`.
+    holes, hole_size : optional
+        What to fill over a smooth base; see `choose_holes`. They ask for a smooth base.
+    relief_scale : float, optional
+        With a smooth base: the wave length, in the input's unit, below which the surface counts as relief; default 12 spacings.
+    frames : str, optional
+        "algebraic", "sweep" or "reference"; see `local_frames`.
+    reference : (3,) array, optional
+        The vector for "reference".
+    """
+
+    spacing: float | None = None
+    extent: Extent = None
+    holes: Holes = None
+    hole_size: Sequence[float] | None = None
+    relief_scale: float | None = None
+    frames: str | None = None
+    reference: Array | None = None
+
+    def asks_for_holes(self) -> str:
+        """Return the name of an option that goes with a smooth base alone, or nothing."""
+        for name in ("holes", "hole_size", "relief_scale"):
+            if getattr(self, name) is not None:
+                return name
+        return ""
 
 
 @dataclass(frozen=True)
@@ -50,6 +86,8 @@ class Ground:
         Neighbour tables of the triangulation.
     notes : tuple of str
         What was chosen, for the user.
+    kept : (V,) bool array
+        Which of the scan's V vertices are in it; they come first, in their order.
     """
 
     base: Base
@@ -65,6 +103,7 @@ class Ground:
     regular: bool
     topology: Topology
     notes: tuple[str, ...]
+    kept: Array
 
     @property
     def height(self) -> Array:
@@ -73,17 +112,7 @@ class Ground:
 
 
 def prepare_ground(
-    surface: Surface,
-    base: Base | str = "auto",
-    *,
-    spacing: float | None = None,
-    extent: Extent = None,
-    frames: str | None = None,
-    reference: Array | None = None,
-    holes: Holes = None,
-    hole_size: Sequence[float] | None = None,
-    relief_scale: float | None = None,
-    device: str = "cpu",
+    surface: Surface, base: Base | str = "auto", options: GroundOptions | None = None, *, device: str = "cpu"
 ) -> Ground:
     """Fit the base, lay out targets, triangulate scan and targets together, and set local frames.
 
@@ -93,14 +122,7 @@ def prepare_ground(
         The scan; all its vertices count as measured.
     base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
         The base, or the kind to fit; "auto" takes the plane, cylinder or sphere that fits, else the smoothed scan.
-    spacing : float, optional
-        Distance between targets, a length in the input's unit; default from the scan's edge lengths.
-    extent : see `region_to_complete`
-    frames, reference : see `local_frames`
-    holes, hole_size : see `choose_holes`
-        They ask for a smooth base.
-    relief_scale : float, optional
-        With a smooth base: the wave length, in the input's unit, below which the surface counts as relief; default 12 spacings.
+    options : GroundOptions
     device : str
 
     Raises
@@ -110,27 +132,30 @@ def prepare_ground(
     FitError
         If no base fits, or "auto" finds two kinds that fit equally well and the scan encloses no hole.
     """
+    options = GroundOptions() if options is None else options
     vertices, faces = surface.vertices, surface.faces
     check_scan(vertices, faces)
-    if relief_scale is not None:
-        relief_scale = checked_positive("relief_scale", relief_scale)
+    if options.relief_scale is not None:
+        options = replace(options, relief_scale=checked_positive("relief_scale", options.relief_scale))
     notes: list[str] = []
-    asked = [n for n, v in (("holes", holes), ("hole_size", hole_size), ("relief_scale", relief_scale)) if v is not None]
+    asked = options.asks_for_holes()
     if asked and not (isinstance(base, str) and base in ("auto", "smooth")):
-        raise InputError(f"{asked[0]} goes with base='smooth' or 'auto', not with a {getattr(base, 'kind', base)}; leave it None")
+        raise InputError(f"{asked} goes with base='smooth' or 'auto', not with a {getattr(base, 'kind', base)}; leave it None")
     chosen = "smooth" if asked else choose_base(vertices, faces, base, notes)
     if isinstance(chosen, str):
-        if extent not in (None, "holes"):
-            raise InputError(f"extent={extent!r} goes with a plane, cylinder or sphere; a smooth base fills holes: see holes=")
-        laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
+        if options.extent not in (None, "holes"):
+            raise InputError(
+                f"extent={options.extent!r} goes with a plane, cylinder or sphere; a smooth base fills holes: see holes="
+            )
+        laid = _over_scan(vertices, faces, options, device, notes)
     else:
         try:
-            laid = _over_base(chosen, vertices, faces, spacing, extent, notes)
+            laid = _over_base(chosen, vertices, faces, options.spacing, options.extent, notes)
         except InputError as problem:
-            if base != "auto" or extent not in (None, "holes") or all(h.outer for h in find_holes(vertices, faces)):
+            if base != "auto" or options.extent not in (None, "holes") or all(h.outer for h in find_holes(vertices, faces)):
                 raise
             notes = [f"base: the smoothed scan, since on a {chosen.kind} {problem}"]
-            laid = _over_scan(vertices, faces, spacing, holes, hole_size, relief_scale, device, notes)
+            laid = _over_scan(vertices, faces, options, device, notes)
     scanned = int(laid.kept.sum())
     count = len(laid.foot)
     check_joined(laid.faces, count, scanned)
@@ -138,7 +163,7 @@ def prepare_ground(
     points = np.concatenate([vertices[laid.kept], laid.foot[scanned:]])
     center = points[:scanned].mean(axis=0)
     seed_vertex = int(np.argmin(((points[:scanned] - center) ** 2).sum(axis=1)))
-    u, v = local_frames(laid.normal, laid.faces, laid.base, frames, reference, seed_vertex)
+    u, v = local_frames(laid.normal, laid.faces, laid.base, options.frames, options.reference, seed_vertex)
     notes.append(f"{count - scanned} targets in {laid.holes} {'region' if laid.holes == 1 else 'regions'}")
     color = surface.color
     if color is not None:
@@ -157,6 +182,7 @@ def prepare_ground(
         laid.regular,
         Topology.of(laid.faces, count),
         tuple(notes),
+        laid.kept,
     )
 
 
@@ -210,30 +236,22 @@ def _over_base(base: Base, vertices: Array, faces: Array, spacing: float | None,
     )
 
 
-def _over_scan(
-    vertices: Array,
-    faces: Array,
-    spacing: float | None,
-    holes: Holes,
-    hole_size: Sequence[float] | None,
-    relief_scale: float | None,
-    device: str,
-    notes: list[str],
-) -> _Laid:
+def _over_scan(vertices: Array, faces: Array, options: GroundOptions, device: str, notes: list[str]) -> _Laid:
     """Fill holes of the scan smoothly, and smooth the scan itself."""
     kept, faces, note = pieces_on_base(None, vertices, faces)
     if note:
         notes.append(note)
     vertices = vertices[kept]
-    spacing, note = _spacing(spacing, vertices, faces, middle=True)
+    spacing, note = _spacing(options.spacing, vertices, faces, middle=True)
     notes.append(note)
     every = find_holes(vertices, faces)
-    chosen = choose_holes(every, holes, hole_size)
+    chosen = choose_holes(every, options.holes, options.hole_size)
     open_left = len(every) - len(chosen)
     notes.append(
         f"{len(chosen)} holes to fill, rims {chosen[-1].length:.6g} to {chosen[0].length:.6g} long"
         + (f"; {open_left} borders left open ({sum(h.outer for h in every)} of all are where the scan ends)" if open_left else "")
     )
+    relief_scale = options.relief_scale
     if relief_scale is None:
         relief_scale = _RELIEF_SCALE * spacing
         notes.append(f"relief scale {relief_scale:.6g}: {_RELIEF_SCALE} spacings; shorter waves are relief, longer ones shape")
@@ -262,22 +280,9 @@ def _spacing(spacing: float | None, foot: Array, faces: Array, middle: bool = Fa
     """Return the distance between targets, found or as given, and the note that says so."""
     if spacing is None:
         return sampling_distance(foot, faces, middle)
-    spacing = number(spacing, "spacing")
-    if spacing <= 0:
-        raise InputError(f"spacing must be a positive length in the input's unit, not {spacing!r}")
+    spacing = checked_positive("spacing", spacing)
     size = float(np.linalg.norm(np.ptp(foot, axis=0)))
     if not 1e-6 * size <= spacing <= size:
         wanted = "smaller" if spacing > size else "larger"
         raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
     return spacing, f"spacing {spacing:.6g}: as given"
-
-
-def number(value: float, name: str) -> float:
-    """Return ``value`` as a finite float, or raise `InputError` for what is none."""
-    try:
-        result = float(value)
-    except (TypeError, ValueError):
-        result = float("nan")
-    if not np.isfinite(result):
-        raise InputError(f"{name} must be a finite number, not {value!r}")
-    return result

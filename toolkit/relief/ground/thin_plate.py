@@ -17,7 +17,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from intaglio.arrays import Array
 from intaglio.mesh import border_edges
-from intaglio.sparse import factored
+from intaglio.sparse import factor_symmetric
 
 # Up to so many unknowns are solved directly.
 DIRECT = 60_000
@@ -54,7 +54,7 @@ def laplacian(points: Array, faces: Array) -> tuple[csr_array, Array]:
     return csr_array(graph - diags_array(np.asarray(graph.sum(axis=1)).reshape(-1))), np.maximum(area, least)
 
 
-def smoothed(
+def smooth_over_surface(
     values: Array,
     points: Array,
     faces: Array,
@@ -107,7 +107,7 @@ def smoothed(
         right = right[moving] - rows[:, held] @ out[held]
         system = csr_array(rows[:, moving])
     if len(moving) <= DIRECT:
-        out[moving] = factored(system).solve(right)
+        out[moving] = factor_symmetric(system).solve(right)
     else:
         root = csr_array(csr_array(diags_array(area) - operator)[moving][:, moving])
         out[moving] = _iterated(system, right, out[moving], root, area[moving])
@@ -120,12 +120,12 @@ def _iterated(system: csr_array, right: Array, start: Array, root: csr_array, ar
     (A - L) A^-1 (A - L) is the energy's own form with all weights 1, up to a factor of 2: few steps are needed, however long the
     waves that are damped, and to factor A - L takes far less than to factor its square.
     """
-    factors = factored(root)
+    factors = factor_symmetric(root)
     guess = LinearOperator(system.shape, lambda v: factors.solve(area * factors.solve(v)))
     columns = []
     for k in range(right.shape[1]):
         column, missed = cg(system, right[:, k], x0=start[:, k], rtol=_RESIDUAL, maxiter=_ITERATIONS, M=guess)
         if missed:
-            return np.asarray(factored(system).solve(right))
+            return np.asarray(factor_symmetric(system).solve(right))
         columns.append(column)
     return np.stack(columns, axis=1)

@@ -1,34 +1,30 @@
-"""How it is filled: samples, metrics, propagation, levels, refinement."""
+"""How it is filled: settings, samples, metrics, propagation, levels, refinement."""
 
-from intaglio.relief.growth.arguments import check_combination, check_samples, check_surface, checked_selection
-from intaglio.relief.growth.comparison import compare_by
-from intaglio.relief.growth.displacement_metric import DisplacementMetric
-from intaglio.relief.growth.levels import coarse_relief, frames_along
-from intaglio.relief.growth.parameters import choose_parameters
-from intaglio.relief.growth.plan import plan_search
-from intaglio.relief.growth.propagation import Growth, Metric, grow_relief
-from intaglio.relief.growth.refinement import refine_relief
+from intaglio.relief.growth.comparison import Comparison, compare_by
+from intaglio.relief.growth.levels import complete_coarse_levels, frames_along
+from intaglio.relief.growth.parameters import Parameters, choose_parameters
 from intaglio.relief.growth.rim import shift_to_rim
 from intaglio.relief.growth.samples import Samples, sample_set
-from intaglio.relief.growth.surface_metric import SurfaceMetric
+from intaglio.relief.growth.settings import METRICS, ORDERS, RULES, SEARCHES, ReliefSettings, Selection
+from intaglio.relief.growth.stage import Resources, Stage, run_stage
 
 __all__ = [
-    "DisplacementMetric",
-    "Growth",
-    "Metric",
+    "METRICS",
+    "ORDERS",
+    "RULES",
+    "SEARCHES",
+    "Comparison",
+    "Parameters",
+    "ReliefSettings",
+    "Resources",
     "Samples",
-    "SurfaceMetric",
-    "check_combination",
-    "check_samples",
-    "check_surface",
-    "checked_selection",
+    "Selection",
+    "Stage",
     "choose_parameters",
-    "coarse_relief",
     "compare_by",
+    "complete_coarse_levels",
     "frames_along",
-    "grow_relief",
-    "plan_search",
-    "refine_relief",
+    "run_stage",
     "sample_set",
     "shift_to_rim",
 ]

@@ -19,8 +19,10 @@ from intaglio.mesh import SmoothBase, largest_faces
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth.comparison import Comparison
-from intaglio.relief.growth.propagation import Picks, Selection, State, choose_near_best
+from intaglio.relief.growth.propagation import choose_near_best
 from intaglio.relief.growth.samples import Samples, filled_sample_set
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import Picks, State
 
 # Of an approximate search: candidates that are compared in full, how many of the best of them are gone on from, and how many
 # neighbours a sample has.
@@ -148,21 +150,7 @@ class DisplacementMetric:
         return self._neighbourhoods(targets, window, fields, self._textured(state.textured))
 
     def vote(self, targets: Array, picks: Picks, rows: Array, window: int, confidence: Array) -> tuple[Array, Array | None]:
-        """Return what the matched patches say about each target: heights (all targets,), colours (all targets, 3) as displayed.
-
-        NaN where no patch covers it; no colours where they don't count.
-
-        Parameters
-        ----------
-        targets : (T,) array
-            Vertices whose matches vote.
-        picks : Picks
-            Matches; ``rows`` (bool) selects those of ``targets``.
-        window : int
-            Rings of the patches.
-        confidence : (T,) array
-            Weight of each patch.
-        """
+        """See `VotingMetric.vote`."""
         ground = self._ground
         sample = picks.sample[rows]
         turn = np.round(picks.rotation[rows] * self._rotations / (2 * np.pi)).astype(int) % self._rotations
@@ -196,8 +184,8 @@ class DisplacementMetric:
         self, targets: Array, value: Array, weight: Array, state: State, selection: Selection, draw: Array
     ) -> tuple[Array, Array]:
         if selection.rule == "near-best":
-            matches = self._matches(targets, value, weight, state, selection.factor)
-            return choose_near_best(matches.candidate, matches.cost, matches.count, selection.factor, draw)
+            matches = self._matches(targets, value, weight, state, 1 + selection.tolerance)
+            return choose_near_best(matches.candidate, matches.cost, matches.count, selection.tolerance, draw)
         ranked = self._matcher.ranked(value, weight, selection.eta / 100, draw)
         return np.where(ranked.count > 0, ranked.candidate[:, 0], -1), ranked.cost[:, 0]
 

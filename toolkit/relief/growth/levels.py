@@ -15,16 +15,14 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.kernels.geodesics import nearest_on_mesh
-from intaglio.kernels.location import polar_grid
 from intaglio.mesh import unit
 from intaglio.randomness import Stream, uniform
-from intaglio.relief.ground import Ground, smoothed
+from intaglio.relief.ground import Ground, smooth_over_surface
 from intaglio.relief.growth.comparison import Comparison
-from intaglio.relief.growth.displacement_metric import DisplacementMetric
-from intaglio.relief.growth.plan import plan_search
-from intaglio.relief.growth.propagation import Selection, grow_relief
-from intaglio.relief.growth.refinement import refine_relief
-from intaglio.relief.growth.samples import sample_set
+from intaglio.relief.growth.parameters import Parameters
+from intaglio.relief.growth.samples import Samples, sample_set
+from intaglio.relief.growth.settings import ReliefSettings
+from intaglio.relief.growth.stage import Resources, run_stage
 
 # Waves shorter than this many spacings of a level do not belong to it.
 _SHORTEST_WAVE = 3.0
@@ -38,21 +36,12 @@ def band(ground: Ground, length: float) -> Array:
     faces = ground.faces[measured[ground.faces].all(axis=1)]
     out = np.zeros(len(measured))
     count = int(measured.sum())
-    out[:count] = smoothed(ground.height[:count, None], ground.foot[:count], faces, length)[:, 0]
+    out[:count] = smooth_over_surface(ground.height[:count, None], ground.foot[:count], faces, length)[:, 0]
     return out
 
 
-def coarse_relief(
-    ground: Ground,
-    at_spacing: Callable[[float], Ground],
-    levels: int,
-    *,
-    window: int,
-    rotations: int,
-    selection: Selection,
-    seed: int,
-    device: str,
-    memory: float | None = None,
+def complete_coarse_levels(
+    ground: Ground, at_spacing: Callable[[float], Ground], parameters: Parameters, settings: ReliefSettings, resources: Resources
 ) -> Array:
     """Complete the coarser levels and return the coarse relief (N,) of every vertex of ``ground``.
 
@@ -62,57 +51,49 @@ def coarse_relief(
         Of the finest level.
     at_spacing : callable
         ``at_spacing(length) -> Ground``: the same scan with targets at another distance.
-    levels : int
-        At least 2, the finest counted.
-    window, rotations, selection, seed, device, memory
-        As for the finest level; the error bound goes by each level's own variance.
+    parameters : Parameters
+        Window and rotations are those of the finest level; the error bound goes by each level's own variance.
+    settings : ReliefSettings
+        With ``levels`` of at least 2, the finest counted.
+    resources : Resources
+
+    Raises
+    ------
+    InputError
+        Where the scan is too small for so many levels.
     """
+    coarse_settings = ReliefSettings(refine=_PASSES, selection=settings.selection)
     guide: Array | None = None
     last: Ground | None = None
-    for level in range(levels - 1, 0, -1):
+    for level in range(settings.levels - 1, 0, -1):
         spacing = ground.spacing * 2**level
+        own = replace(resources, seed=resources.seed + level)
         try:
             coarse = at_spacing(spacing)
             height = band(coarse, _SHORTEST_WAVE * spacing)
             coarse = replace(coarse, vertices=coarse.foot + height[:, None] * coarse.normal)
             known = None
             if guide is not None and last is not None:
-                known = _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), device)
-            metric = _metric(coarse, known, level, window, rotations, seed, device, memory)
+                known = _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), resources.device)
+            samples = _thin_samples(coarse, level, resources.seed)
+            error = max(0.5 * float(height[coarse.measured].var()), 1e-12 * spacing**2)
+            stage = run_stage(coarse, samples, replace(parameters, error=error), coarse_settings, Comparison(coarse=known), own)
         except InputError as problem:
-            message = f"levels={levels} are too many for this scan, give {level}: with targets {spacing:.4g} apart, {problem}"
+            message = (
+                f"levels={settings.levels} are too many for this scan, give {level}: with targets {spacing:.4g} apart, {problem}"
+            )
             raise InputError(message) from problem
-        measured = coarse.measured
-        rule = replace(selection, error=max(0.5 * float(height[measured].var()), 1e-12 * spacing**2))
-        growth = grow_relief(coarse, metric, window=window, selection=rule, seed=seed + level)
-        refine_relief(coarse, metric, growth.state, window=window, passes=_PASSES, seed=seed + level)
-        guide, last = growth.state.height, coarse
+        guide, last = stage.growth.state.height, coarse
     assert guide is not None
     assert last is not None
-    return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing), device)
+    return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing), resources.device)
 
 
-def _metric(
-    coarse: Ground,
-    known: Array | None,
-    level: int,
-    window: int,
-    rotations: int,
-    seed: int,
-    device: str,
-    memory: float | None,
-) -> DisplacementMetric:
-    """Compare neighbourhoods of one coarse level: with as many of the samples as a scan of its density would have."""
+def _thin_samples(coarse: Ground, level: int, seed: int) -> Samples:
+    """Return as many of a coarse level's samples as a scan of its density would have."""
     samples = sample_set(coarse, False)
     share = max(4.0**-level, _FEWEST_SAMPLES / len(samples.vertex))
-    samples = samples.part(np.flatnonzero(uniform(seed, Stream.RELIEF_LEVELS, samples.vertex, level) < share))
-    comparison = Comparison(coarse=known)
-    points = len(polar_grid(max(window, 2), rotations)[1]) * len(comparison.factors())
-    plan = plan_search(coarse, samples, points, rotations, "auto", memory, seed)
-    return DisplacementMetric(
-        coarse, plan.samples, window, rotations, device,
-        comparison=comparison, approximate=plan.approximate, keep_grids=plan.keep_grids, seed=seed + level,
-    )  # fmt: skip
+    return samples.part(np.flatnonzero(uniform(seed, Stream.RELIEF_LEVELS, samples.vertex, level) < share))
 
 
 def _carried(coarse: Ground, guide: Array, ground: Ground, own: Array, device: str) -> Array:
@@ -140,7 +121,7 @@ def frames_along(ground: Ground, coarse: Array) -> tuple[Array, Array]:
     # Area times gradient of a linear function on each triangle, summed at its corners.
     slope *= (0.5 * np.sqrt(square) / square)[:, None]
     total = np.stack([np.bincount(faces.reshape(-1), np.repeat(slope[:, c], 3), len(coarse)) for c in range(3)], axis=1)
-    total = smoothed(total, ground.foot, faces, 4 * _SHORTEST_WAVE * ground.spacing)
+    total = smooth_over_surface(total, ground.foot, faces, 4 * _SHORTEST_WAVE * ground.spacing)
     total -= np.einsum("ij,ij->i", total, ground.normal)[:, None] * ground.normal
     length = np.linalg.norm(total, axis=1)
     weak = length < 1e-3 * float(np.median(length)) + 1e-300

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
-
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -12,92 +9,8 @@ from intaglio.arrays import Array, Progress
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth.samples import Samples
-
-
-@dataclass(frozen=True)
-class Selection:
-    """How a match is chosen among the candidates, and when it is accepted.
-
-    Attributes
-    ----------
-    rule : {"near-best", "best-percent"}
-        "near-best": at random among those within ``factor`` of the least error (paper 000, appendix A). "best-percent":
-        at random among the best ``eta`` percent (paper 001, section 2.2.2).
-    factor : float
-        At least 1.
-    eta : float
-        Percent, in (0, 100].
-    error : float
-        The papers' e: a match is accepted if its weighted mean squared distance is below this, in squared input units.
-    """
-
-    rule: str
-    factor: float
-    eta: float
-    error: float
-
-
-@dataclass(frozen=True)
-class Picks:
-    """One match per target: candidate (-1 for none), and its error in squared input units."""
-
-    sample: Array
-    rotation: Array
-    error: Array
-
-
-class Metric(Protocol):
-    """Compares targets' neighbourhoods with the samples'."""
-
-    samples: Samples
-
-    def pick(self, targets: Array, window: Array, state: State, selection: Selection, draw: Array) -> Picks:
-        """Match each of ``targets`` (T,) with its window and choose one candidate by ``draw`` (T,) in [0, 1)."""
-        ...
-
-    def absorb(self, state: State) -> None:
-        """Take all textured vertices as samples (bootstrapped completion)."""
-        ...
-
-
-@dataclass
-class State:
-    """The growing surface: what each vertex carries so far.
-
-    ``sample`` is the number of the sample that a vertex carries, or is itself; -1 for none.
-    """
-
-    height: Array
-    textured: Array
-    source: Array
-    rotation: Array
-    error: Array
-    color: Array | None
-    sample: Array
-
-
-@dataclass(frozen=True)
-class Growth:
-    """What was propagated, and how it went.
-
-    Attributes
-    ----------
-    state : State
-    waves : int
-        Lists worked through.
-    threshold : float
-        The error bound at the end.
-    shrunk : int
-        Targets whose window shrank.
-    orphans : int
-        Targets that no sample could be compared with; they carry a neighbour's relief.
-    """
-
-    state: State
-    waves: int
-    threshold: float
-    shrunk: int
-    orphans: int
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import Growth, Metric, Picks, State
 
 
 def grow_relief(
@@ -105,6 +18,7 @@ def grow_relief(
     metric: Metric,
     *,
     window: int,
+    error: float,
     selection: Selection,
     order: str = "wave",
     bootstrap: bool = False,
@@ -129,8 +43,10 @@ def grow_relief(
         How neighbourhoods are compared.
     window : int
         w, the neighbourhood's radius in edges.
+    error : float
+        e: a match is accepted below this weighted mean squared distance, in squared input units.
     selection : Selection
-        Choice and acceptance of matches.
+        How a match is chosen.
     order : {"wave", "sequential"}
     bootstrap : bool
         Filled vertices become samples.
@@ -156,7 +72,7 @@ def grow_relief(
     )
     windows = np.full(count, window)
     attempts = np.zeros(count, np.int64)
-    threshold = selection.error
+    threshold = error
     total, waves, orphans = int(targets.sum()), 0, 0
     if progress:
         progress(0, total)
@@ -167,12 +83,11 @@ def grow_relief(
             break
         shuffled = np.lexsort([uniform(seed, Stream.RELIEF_SHUFFLE, boundary, waves), -support[boundary]])
         boundary = boundary[shuffled]
-        now = Selection(selection.rule, selection.factor, selection.eta, threshold)
         lists = [boundary] if order == "wave" else boundary[:, None]
         filled, viable = 0, False
         for part in lists:
             draw = uniform(seed, Stream.RELIEF_PICK, part, attempts[part])
-            picks = metric.pick(part, windows[part], state, now, draw)
+            picks = metric.pick(part, windows[part], state, selection, draw)
             accepted = (picks.sample >= 0) & (picks.error < threshold)
             viable |= bool((picks.sample >= 0).any())
             _fill(state, part[accepted], metric.samples, picks, accepted)
@@ -218,8 +133,8 @@ def _take_from_neighbours(state: State, vertices: Array, graph: csr_array) -> No
     state.textured[vertices] = True
 
 
-def choose_near_best(candidate: Array, cost: Array, count: Array, factor: float, draw: Array) -> tuple[Array, Array]:
-    """Choose at random among the listed candidates whose cost is at most ``factor`` times the least.
+def choose_near_best(candidate: Array, cost: Array, count: Array, tolerance: float, draw: Array) -> tuple[Array, Array]:
+    """Choose at random among the listed candidates whose cost is at most ``1 + tolerance`` times the least.
 
     Returns
     -------
@@ -232,7 +147,7 @@ def choose_near_best(candidate: Array, cost: Array, count: Array, factor: float,
         return np.full(len(count), -1), np.full(len(count), np.inf)
     listed = np.arange(candidate.shape[1]) < count[:, None]
     best = np.where(listed, cost, np.inf).min(axis=1)
-    eligible = listed & (cost <= factor * best[:, None])
+    eligible = listed & (cost <= (1 + tolerance) * best[:, None])
     wanted = np.minimum((draw * eligible.sum(axis=1)).astype(int), np.maximum(eligible.sum(axis=1) - 1, 0))
     at = np.argmax(np.cumsum(eligible, axis=1) == wanted[:, None] + 1, axis=1)
     rows = np.arange(len(count))

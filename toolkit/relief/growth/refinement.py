@@ -17,8 +17,8 @@ from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh import SmoothBase, unique_edges
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
-from intaglio.relief.growth.displacement_metric import DisplacementMetric
-from intaglio.relief.growth.propagation import Selection, State
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import State, VotingMetric
 
 _SMALLEST_WINDOW = 3
 # How far around a hole its surroundings reach at least, in spacings.
@@ -29,7 +29,7 @@ _ROBUST_POWER = -0.6
 
 def refine_relief(
     ground: Ground,
-    metric: DisplacementMetric,
+    metric: VotingMetric,
     state: State,
     *,
     window: int,
@@ -45,7 +45,7 @@ def refine_relief(
     Parameters
     ----------
     ground : Ground
-    metric : DisplacementMetric
+    metric : VotingMetric
         The metric that growth used.
     state : State
         Fully grown; ``height``, ``source``, ``rotation``, ``error`` and ``color`` of filled vertices change.
@@ -60,7 +60,7 @@ def refine_relief(
     targets = np.flatnonzero(state.textured & ~ground.measured)
     if len(targets) == 0:
         return 0
-    copy_best = Selection("near-best", 1.0, 100.0, np.inf)
+    copy_best = Selection("near-best", tolerance=0.0)
     references = _references(ground, state, targets)
     spread = float(state.height[ground.measured].var()) or 1.0
     last_window = max(min(_SMALLEST_WINDOW, window), window // 2)

@@ -15,7 +15,7 @@ from intaglio.mesh import unique_edges
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth.propagation import State
 from intaglio.relief.growth.samples import Samples
-from intaglio.sparse import solved
+from intaglio.sparse import solve_symmetric
 
 # How stiff the shift is against single misfits, and over how many edges it dies away from the rim.
 _STIFFNESS, _REACH = 0.5, 10.0
@@ -60,7 +60,9 @@ def shift_to_rim(ground: Ground, state: State, samples: Samples) -> Array:
     weak = 1.5 * _STIFFNESS / _REACH**2
     diagonal = np.asarray(graph.sum(axis=1)).reshape(-1) + np.bincount(at, minlength=len(vertices)) + weak
     right = np.bincount(at, misfit, len(vertices))
-    shift[vertices] = solved(csr_array(diags_array(diagonal) - graph), right[:, None], np.zeros((len(vertices), 1)))[:, 0]
+    shift[vertices] = solve_symmetric(csr_array(diags_array(diagonal) - graph), right[:, None], np.zeros((len(vertices), 1)))[
+        :, 0
+    ]
     return shift
 
 

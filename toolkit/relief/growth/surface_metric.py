@@ -11,8 +11,10 @@ from intaglio.kernels.launch import launch
 from intaglio.kernels.selection import SHORTLIST, pick_by_rank, select_near_best
 from intaglio.kernels.surface_matching import NOT_VIABLE, surface_ssd_kernel
 from intaglio.relief.ground import Ground
-from intaglio.relief.growth.propagation import Picks, Selection, State, choose_near_best
+from intaglio.relief.growth.propagation import choose_near_best
 from intaglio.relief.growth.samples import Samples, filled_sample_set
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import Picks, State
 
 # Threads per target on a CPU: few, since a thread prunes by what it has seen itself.
 _STRIDE_CPU, _STRIDE_CUDA = 4, 1024
@@ -74,16 +76,16 @@ class SurfaceMetric:
             rows = slice(first, first + at_once)
             part = targets[rows]
             offsets, listed, weight = self._textured_lists(part, window[rows], state.textured)
-            cost = self._costs(part, offsets, listed, weight, position, selection.factor if near_best else 1e30)
+            cost = self._costs(part, offsets, listed, weight, position, 1 + selection.tolerance if near_best else 1e30)
             if near_best:
                 shortlist = np.zeros((len(part), SHORTLIST), np.int32)
                 count = np.zeros(len(part), np.int32)
                 select_near_best(
-                    cost, np.zeros(len(part), np.float32), selection.factor, shortlist, count,
+                    cost, np.zeros(len(part), np.float32), 1 + selection.tolerance, shortlist, count,
                     split=True, stride=sample_count, samples=sample_count,
                 )  # fmt: skip
                 found = np.take_along_axis(cost.numpy(), shortlist, axis=1).astype(np.float64)
-                chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.factor, draw[rows])
+                chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.tolerance, draw[rows])
             else:
                 best, count = pick_by_rank(cost.numpy(), selection.eta / 100, draw[rows])
                 chosen[rows] = np.where(count > 0, best[:, 0], -1)

@@ -1,0 +1,198 @@
+"""What a user decides about the growth of relief: checked once, then passed on unchanged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from intaglio.checks import checked_choice, checked_count, checked_flag, checked_number, checked_positive
+from intaglio.errors import InputError
+
+RULES = ("near-best", "best-percent")
+METRICS = ("displacement", "surface")
+ORDERS = ("wave", "sequential")
+SEARCHES = ("auto", "exhaustive", "approximate")
+ENGINES = ("auto", "blas", "warp")
+
+_MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES = 64, 720, 6, 100
+
+
+@dataclass(frozen=True)
+class Selection:
+    """How a match is chosen among the candidates.
+
+    Parameters
+    ----------
+    rule : {"near-best", "best-percent"}
+        "near-best": at random among the candidates whose error is at most ``1 + tolerance`` times the least (Breckon &
+        Fisher, 3DIM 2005, appendix A). "best-percent": at random among the best ``eta`` percent (TPAMI 2008, section 2.2.2).
+    tolerance : float
+        At least 0.
+    eta : float
+        Percentage in (0, 100].
+
+    Raises
+    ------
+    InputError
+        For an unknown rule or a number out of range.
+
+    References
+    ----------
+    T. P. Breckon, R. B. Fisher, "Non-parametric 3D Surface Completion", 3DIM 2005, appendix A; "Three-Dimensional Surface
+    Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12), 2008, section 2.2.2.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> intaglio.Selection("best-percent", eta=5)
+    Selection(rule='best-percent', tolerance=0.1, eta=5.0)
+    """
+
+    rule: str = "near-best"
+    tolerance: float = 0.1
+    eta: float = 10.0
+
+    def __post_init__(self) -> None:
+        checked_choice("selection", self.rule, RULES)
+        object.__setattr__(self, "tolerance", checked_number("tolerance", self.tolerance, 0))
+        eta = checked_number("eta", self.eta, 0, 100)
+        if eta == 0:
+            raise InputError(f"eta must be a percentage above 0 and up to 100, not {self.eta!r}")
+        object.__setattr__(self, "eta", eta)
+
+
+@dataclass(frozen=True)
+class ReliefSettings:
+    """How relief is grown over a prepared scan; None leaves a choice to the relief itself, and the notes say why it fell so.
+
+    Parameters
+    ----------
+    window : int, optional
+        w: radius of the neighbourhoods in edges (times the spacing in length), 1 to 64. It should cover the largest feature
+        that repeats. Default from the relief's period or correlation length.
+    rotations : int, optional
+        R: every sample is tried at R rotations about its normal, up to 720. 0 or 1 for none, as suits relief with a direction;
+        12 or more for isotropic relief. Default 1 where the relief has a direction, else 12.
+    error : float, optional
+        e: a match is accepted below this weighted mean squared distance, in squared input units. It rises by 10 % whenever no
+        target can be filled. With several levels the difference in coarse relief counts in a match's distance as well. Default
+        from the noise, between a tenth and a half of the variance of what is compared.
+    levels : int
+        Scales, 1 to 6: relief is completed coarse to fine. Each level's targets lie half as far apart as those of the one
+        before it, and are compared in the coarser relief as well.
+    refine : int
+        Passes, 0 to 100, that match the filled part again as a whole, vote, and copy; they remove what growth got wrong.
+    color_weight : float, optional
+        1 - mu of 3DIM 2005, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
+        then the combined measure times the squared largest difference of measured displacements. Default: shape alone
+        decides. Colours are carried along with the relief in any case.
+    metric : {"displacement", "surface"}
+        "displacement" compares heights over a tangent grid; "surface" is the papers' point-to-triangle measure, slower.
+    order : {"wave", "sequential"}
+        "wave" fills the whole boundary list at once; "sequential" one vertex after the other, as the papers do.
+    selection : Selection
+        How a match is chosen among the candidates.
+    search : {"auto", "exhaustive", "approximate"}
+        "exhaustive" compares every sample; "approximate" looks beside what neighbours were matched to, and beside the best of
+        some thousand samples. "auto": exhaustive up to 50,000 candidates (samples times rotations), and beyond while it is
+        a matter of seconds.
+    bootstrap : bool
+        Filled vertices become samples.
+    oversample : bool, optional
+        Halve the sample set's edges; default where targets don't continue the scan's lattice and candidates stay few.
+    along_relief : bool
+        Turn every local frame along the slope of the coarser relief (``levels`` of 2 and more), so that one rotation does for
+        relief without a direction.
+    engine : {"auto", "blas", "warp"}
+        How the displacement metric's costs are computed; with the rule "near-best" the choices are the same.
+
+    Raises
+    ------
+    InputError
+        For a value out of range, or two settings that exclude each other.
+
+    References
+    ----------
+    T. P. Breckon, R. B. Fisher, IEEE TPAMI 30(12), 2008, section 2.2; 3DIM 2005, section 6 and appendix A.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> settings = intaglio.ReliefSettings(window=7, refine=3)
+    >>> settings.window, settings.levels, settings.selection.rule
+    (7, 1, 'near-best')
+    """
+
+    window: int | None = None
+    rotations: int | None = None
+    error: float | None = None
+    levels: int = 1
+    refine: int = 0
+    color_weight: float | None = None
+    metric: str = "displacement"
+    order: str = "wave"
+    selection: Selection = field(default_factory=Selection)
+    search: str = "auto"
+    bootstrap: bool = False
+    oversample: bool | None = None
+    along_relief: bool = False
+    engine: str = "auto"
+
+    def __post_init__(self) -> None:
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+        if self.window is not None:
+            put("window", checked_count("window", self.window, 1, _MOST_WINDOW))
+        if self.rotations is not None:
+            put("rotations", checked_count("rotations", self.rotations, 0, _MOST_ROTATIONS) or 1)
+        if self.error is not None:
+            put("error", checked_positive("error", self.error))
+        put("levels", checked_count("levels", self.levels, 1, _MOST_LEVELS))
+        put("refine", checked_count("refine", self.refine, 0, _MOST_PASSES))
+        if self.color_weight is not None:
+            put("color_weight", _color_share(self.color_weight))
+        for name, known in (("metric", METRICS), ("order", ORDERS), ("search", SEARCHES), ("engine", ENGINES)):
+            checked_choice(name, getattr(self, name), known)
+        if not isinstance(self.selection, Selection):
+            raise InputError(f"selection must be an intaglio.Selection, not {self.selection!r}")
+        for name in ("bootstrap", "along_relief"):
+            put(name, checked_flag(name, getattr(self, name)))
+        if self.oversample is not None:
+            put("oversample", checked_flag("oversample", self.oversample))
+        self._check_together()
+
+    @property
+    def compares_all(self) -> bool:
+        """Whether every sample must be compared: ranks and growing sample sets need it."""
+        return self.bootstrap or self.selection.rule == "best-percent"
+
+    def _check_together(self) -> None:
+        """Raise `InputError` where two settings exclude each other."""
+        if self.metric == "surface":
+            for name, asked in (
+                ("refine", self.refine > 0),
+                ("levels", self.levels > 1),
+                ("color_weight", self.color_weight is not None),
+                ("search='approximate'", self.search == "approximate"),
+            ):
+                if asked:
+                    raise InputError(f"{name} works with metric='displacement'; leave it out or change the metric")
+        if self.refine and self.bootstrap:
+            raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
+        if self.search == "approximate" and self.compares_all:
+            other = "bootstrap" if self.bootstrap else "selection='best-percent'"
+            raise InputError(f"{other} compares every sample: leave search at 'auto' or 'exhaustive'")
+        if self.along_relief and self.levels == 1:
+            raise InputError("frames along the relief are turned by the coarser relief: give levels=2 or more")
+
+
+def _color_share(value: float) -> float:
+    try:
+        weight = float(value)
+    except (TypeError, ValueError):
+        weight = float("nan")
+    if not 0 <= weight <= 1 or isinstance(value, bool | np.bool_):
+        raise InputError(f"color_weight must be a number from 0 (shape alone) to 1 (colour alone), not {value!r}")
+    return weight
