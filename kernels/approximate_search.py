@@ -13,42 +13,72 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.meshes import Frames, upload_frames
 from intaglio.kernels.neighbourhoods import MISSING, Matches
+from intaglio.kernels.selection import VIABLE
 
 wp.set_module_options({"enable_backward": False})
 
 LISTED = 8
-vec4i = wp.types.vector(length=4, dtype=wp.int32)
 _LISTED = wp.constant(LISTED)
+# Steps of a descent, and candidates tried by chance.
 _STEPS = wp.constant(12)
 _CHANCES = wp.constant(8)
+# Stands for the cost of a candidate whose comparison was given up.
 _NEVER = wp.constant(1.0e30)
-# As in `intaglio.kernels.selection`: costs from here on belong to candidates that lack something.
-_VIABLE = wp.constant(1.0e6)
+_VIABLE = wp.constant(VIABLE)
+
+
+@wp.struct
+class TargetTable:
+    """Targets' values on the grid (T, G), and their weights, 0 where a value is not known."""
+
+    value: wp.array2d[wp.float32]
+    weight: wp.array2d[wp.float32]
+
+
+@wp.struct
+class SampleTable:
+    """Samples' values on the grid (S, G), the grid's rotations (R, G), and where the samples lie."""
+
+    value: wp.array2d[wp.float32]
+    permutation: wp.array2d[wp.int32]
+    # The samples next to each one on the surface.
+    beside: wp.array2d[wp.int32]
+    frames: Frames
+
+
+@wp.struct
+class MatchedGround:
+    """Vertices with their frames, who is joined to whom, and the sample and rotation (radians) that each one carries, or -1."""
+
+    frames: Frames
+    offsets: wp.array[wp.int32]
+    neighbours: wp.array[wp.int32]
+    matched: wp.array[wp.int32]
+    rotation: wp.array[wp.float32]
 
 
 @wp.func
 def bounded_cost(
-    value: wp.array2d(dtype=float),
-    weight: wp.array2d(dtype=float),
+    targets: TargetTable,
     t: int,
-    permutation: wp.array2d(dtype=wp.int32),
-    sample: wp.array2d(dtype=float),
+    samples: SampleTable,
     s: int,
     q: int,
     bound: float,
 ) -> float:
-    """Weighted squared difference of target ``t`` and sample ``s`` at rotation ``q``; given up once it exceeds ``bound``."""
+    """Return Σ_k w_k (x_k - y_perm(q, k))² of target ``t`` and sample ``s`` at rotation ``q``, given up once above ``bound``."""
     total = float(0.0)
     k = int(0)
-    grid = value.shape[1]
+    grid = targets.value.shape[1]
     while k < grid:
         last = wp.min(k + 16, grid)
         for j in range(k, last):
-            w = weight[t, j]
+            w = targets.weight[t, j]
             if w > 0.0:
-                d = value[t, j] - sample[s, permutation[q, j]]
+                d = targets.value[t, j] - samples.value[s, samples.permutation[q, j]]
                 total += w * d * d
         k = last
         if total > bound:
@@ -58,19 +88,17 @@ def bounded_cost(
 
 @wp.func
 def consider(
-    value: wp.array2d(dtype=float),
-    weight: wp.array2d(dtype=float),
+    targets: TargetTable,
     t: int,
-    permutation: wp.array2d(dtype=wp.int32),
-    sample: wp.array2d(dtype=float),
+    samples: SampleTable,
     s: int,
     q: int,
     factor: float,
-    listed: wp.array2d(dtype=wp.int32),
-    cost: wp.array2d(dtype=float),
+    listed: wp.array2d[wp.int32],
+    cost: wp.array2d[wp.float32],
 ) -> float:
     """Compare one candidate and keep it in the target's list, sorted by cost, if it is among the best; return its cost."""
-    candidate = q * sample.shape[0] + s
+    candidate = q * samples.value.shape[0] + s
     result = float(_NEVER)
     known = int(0)
     for i in range(_LISTED):
@@ -80,9 +108,9 @@ def consider(
     if known == 0:
         bound = wp.min(cost[t, _LISTED - 1], factor * cost[t, 0])
         bound = wp.min(bound, _VIABLE)
-        result = bounded_cost(value, weight, t, permutation, sample, s, q, bound)
+        result = bounded_cost(targets, t, samples, s, q, bound)
         if result >= bound:
-            # Given up: the sum so far is no cost.
+            # The sum was given up, and is no cost.
             result = _NEVER
         else:
             at = int(_LISTED - 1)
@@ -97,50 +125,47 @@ def consider(
 
 @wp.func
 def descend(
-    value: wp.array2d(dtype=float),
-    weight: wp.array2d(dtype=float),
+    targets: TargetTable,
     t: int,
-    permutation: wp.array2d(dtype=wp.int32),
-    sample: wp.array2d(dtype=float),
-    beside: wp.array2d(dtype=wp.int32),
+    samples: SampleTable,
     candidate: int,
     factor: float,
-    listed: wp.array2d(dtype=wp.int32),
-    cost: wp.array2d(dtype=float),
+    listed: wp.array2d[wp.int32],
+    cost: wp.array2d[wp.float32],
 ):
     """Go from one candidate to the best of its neighbours, beside it and turned by one step, as long as the cost falls."""
-    samples = sample.shape[0]
-    rotations = permutation.shape[0]
+    sample_count = samples.value.shape[0]
+    rotations = samples.permutation.shape[0]
     at = int(candidate)
-    least = bounded_cost(value, weight, t, permutation, sample, at % samples, at / samples, _VIABLE)
+    least = bounded_cost(targets, t, samples, at % sample_count, at / sample_count, _VIABLE)
     step = int(0)
     while step < _STEPS:
-        s = at % samples
-        q = at / samples
+        s = at % sample_count
+        q = at / sample_count
         lower = int(-1)
-        for j in range(beside.shape[1]):
-            other = bounded_cost(value, weight, t, permutation, sample, beside[s, j], q, least)
+        for j in range(samples.beside.shape[1]):
+            other = bounded_cost(targets, t, samples, samples.beside[s, j], q, least)
             if other < least:
                 least = other
-                lower = q * samples + beside[s, j]
+                lower = q * sample_count + samples.beside[s, j]
         if rotations > 1:
             for side in range(2):
                 r = (q + 1 + side * (rotations - 2)) % rotations
-                other = bounded_cost(value, weight, t, permutation, sample, s, r, least)
+                other = bounded_cost(targets, t, samples, s, r, least)
                 if other < least:
                     least = other
-                    lower = r * samples + s
+                    lower = r * sample_count + s
         if lower < 0:
             step = _STEPS
         else:
             at = lower
         step = step + 1
-    consider(value, weight, t, permutation, sample, at % samples, at / samples, factor, listed, cost)
+    consider(targets, t, samples, at % sample_count, at / sample_count, factor, listed, cost)
 
 
 @wp.func
 def turned(angle: float, rotations: int) -> int:
-    """The rotation nearest to ``angle``."""
+    """Return the number of the rotation that is nearest to ``angle``."""
     step = 6.283185307179586 / float(rotations)
     q = int(wp.round(angle / step)) % rotations
     if q < 0:
@@ -151,34 +176,22 @@ def turned(angle: float, rotations: int) -> int:
 @wp.kernel
 def search_kernel(
     start: int,
-    value: wp.array2d(dtype=float),
-    weight: wp.array2d(dtype=float),
-    permutation: wp.array2d(dtype=wp.int32),
-    sample: wp.array2d(dtype=float),
-    beside: wp.array2d(dtype=wp.int32),
-    sample_foot: wp.array(dtype=wp.vec3),
-    sample_u: wp.array(dtype=wp.vec3),
-    sample_v: wp.array(dtype=wp.vec3),
-    targets: wp.array(dtype=wp.int32),
-    foot: wp.array(dtype=wp.vec3),
-    u: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
-    offsets: wp.array(dtype=wp.int32),
-    neighbours: wp.array(dtype=wp.int32),
-    matched: wp.array(dtype=wp.int32),
-    rotation: wp.array(dtype=float),
-    landmarks: wp.array2d(dtype=wp.int32),
+    vertices: wp.array[wp.int32],
+    targets: TargetTable,
+    samples: SampleTable,
+    ground: MatchedGround,
+    landmarks: wp.array2d[wp.int32],
     factor: float,
     seed: int,
     # output
-    listed: wp.array2d(dtype=wp.int32),
-    cost: wp.array2d(dtype=float),
+    listed: wp.array2d[wp.int32],
+    cost: wp.array2d[wp.float32],
 ):
-    """List the best candidates that one target's search meets, best first."""
+    """List the candidates of least cost Σ_k w_k (x_k - y_perm(q, k))² that one target's search meets, best first."""
     t = start + wp.tid()
-    vertex = targets[t]
-    samples = sample.shape[0]
-    rotations = permutation.shape[0]
+    vertex = vertices[t]
+    sample_count = samples.value.shape[0]
+    rotations = samples.permutation.shape[0]
     for i in range(_LISTED):
         listed[t, i] = -1
         cost[t, i] = _NEVER
@@ -186,47 +199,51 @@ def search_kernel(
         candidate = landmarks[t, i]
         if candidate >= 0:
             consider(
-                value, weight, t, permutation, sample, candidate % samples, candidate / samples, factor, listed, cost
+                targets, t, samples, candidate % sample_count, candidate / sample_count, factor, listed, cost
             )  # fmt: skip
-    if matched[vertex] >= 0:
-        q = turned(rotation[vertex], rotations)
-        consider(value, weight, t, permutation, sample, matched[vertex], q, factor, listed, cost)
-    for i in range(offsets[vertex], offsets[vertex + 1]):
-        near = neighbours[i]
-        s = matched[near]
+    if ground.matched[vertex] >= 0:
+        q = turned(ground.rotation[vertex], rotations)
+        consider(targets, t, samples, ground.matched[vertex], q, factor, listed, cost)
+    for i in range(ground.offsets[vertex], ground.offsets[vertex + 1]):
+        near = ground.neighbours[i]
+        s = ground.matched[near]
         if s >= 0:
-            # From the neighbour to here, as seen in the frame of the neighbour's match.
-            way = foot[vertex] - foot[near]
-            x = wp.dot(way, u[near])
-            y = wp.dot(way, v[near])
-            c = wp.cos(rotation[near])
-            d = wp.sin(rotation[near])
-            wanted = (c * x - d * y) * sample_u[s] + (d * x + c * y) * sample_v[s]
+            # The step from the neighbour to this vertex, turned into the frame of the neighbour's match.
+            way = ground.frames.foot[vertex] - ground.frames.foot[near]
+            x = wp.dot(way, ground.frames.u[near])
+            y = wp.dot(way, ground.frames.v[near])
+            c = wp.cos(ground.rotation[near])
+            d = wp.sin(ground.rotation[near])
+            wanted = (c * x - d * y) * samples.frames.u[s] + (d * x + c * y) * samples.frames.v[s]
             best = int(s)
             nearest = float(wp.length_sq(wanted))
-            for j in range(beside.shape[1]):
-                gap = wp.length_sq(sample_foot[beside[s, j]] - sample_foot[s] - wanted)
+            for j in range(samples.beside.shape[1]):
+                gap = wp.length_sq(samples.frames.foot[samples.beside[s, j]] - samples.frames.foot[s] - wanted)
                 if gap < nearest:
                     nearest = gap
-                    best = beside[s, j]
-            # Frames differ from vertex to vertex, and so does what one rotation means.
-            here = wp.atan2(wp.dot(u[near], v[vertex]), wp.dot(u[near], u[vertex]))
-            there = wp.atan2(wp.dot(sample_u[s], sample_v[best]), wp.dot(sample_u[s], sample_u[best]))
-            q = turned(rotation[near] - here + there, rotations)
-            consider(value, weight, t, permutation, sample, best, q, factor, listed, cost)
+                    best = samples.beside[s, j]
+            # Frames differ from vertex to vertex, so the rotation is corrected by how frames turn from here to there.
+            here = wp.atan2(
+                wp.dot(ground.frames.u[near], ground.frames.v[vertex]), wp.dot(ground.frames.u[near], ground.frames.u[vertex])
+            )
+            there = wp.atan2(
+                wp.dot(samples.frames.u[s], samples.frames.v[best]), wp.dot(samples.frames.u[s], samples.frames.u[best])
+            )
+            q = turned(ground.rotation[near] - here + there, rotations)
+            consider(targets, t, samples, best, q, factor, listed, cost)
     state = wp.rand_init(seed, vertex)
     for _ in range(_CHANCES):
-        s = wp.randi(state, 0, samples)
+        s = wp.randi(state, 0, sample_count)
         q = wp.randi(state, 0, rotations)
-        consider(value, weight, t, permutation, sample, s, q, factor, listed, cost)
-    # Down from the landmarks, each in its own basin, and from the best that has been met by now.
+        consider(targets, t, samples, s, q, factor, listed, cost)
+    # Descend from the landmarks, each of which may lie in another basin, and from the best candidates met so far.
     for i in range(landmarks.shape[1]):
         if landmarks[t, i] >= 0:
-            descend(value, weight, t, permutation, sample, beside, landmarks[t, i], factor, listed, cost)
-    starts = vec4i(listed[t, 0], listed[t, 1], listed[t, 2], listed[t, 3])
+            descend(targets, t, samples, landmarks[t, i], factor, listed, cost)
+    starts = wp.vec4i(listed[t, 0], listed[t, 1], listed[t, 2], listed[t, 3])
     for i in range(4):
         if starts[i] >= 0:
-            descend(value, weight, t, permutation, sample, beside, starts[i], factor, listed, cost)
+            descend(targets, t, samples, starts[i], factor, listed, cost)
 
 
 @dataclass(frozen=True)
@@ -283,11 +300,13 @@ class ApproximateSearch:
     ) -> None:
         self.device = device
         self.samples, self.rotations = len(value), len(permutation)
-        self._permutation = self._array(permutation, wp.int32)
-        self._sample = self._array(np.where(known > 0, value, np.float32(MISSING)), float)
-        self._beside = self._array(beside, wp.int32)
-        self._frames = [self._array(a, wp.vec3) for a in (foot, u, v)]
-        self._ground: tuple[Patchwork, list[wp.array]] | None = None
+        self._table = SampleTable()
+        self._table.value = upload(np.where(known > 0, value, np.float32(MISSING)), wp.float32, device)
+        self._table.permutation = upload(permutation, wp.int32, device)
+        self._table.beside = upload(beside, wp.int32, device)
+        self._table.frames = upload_frames(foot, u, v, device)
+        self._ground = MatchedGround()
+        self._ground_of: Patchwork | None = None
 
     def match(
         self,
@@ -313,26 +332,22 @@ class ApproximateSearch:
         factor : float
             At least 1.
         seed : int
-            Of the few candidates that are tried by chance.
+            Seeds the choice of the few candidates that are tried by chance.
         """
         count = len(targets)
+        table = TargetTable()
+        table.value, table.weight = upload(value, wp.float32, self.device), upload(weight, wp.float32, self.device)
         listed = wp.empty((count, LISTED), dtype=wp.int32, device=self.device)
-        cost = wp.empty((count, LISTED), dtype=float, device=self.device)
+        cost = wp.empty((count, LISTED), dtype=wp.float32, device=self.device)
         launch(
             search_kernel,
             count,
             inputs=[
-                self._array(value, float),
-                self._array(weight, float),
-                self._permutation,
-                self._sample,
-                self._beside,
-                *self._frames,
-                self._array(targets, wp.int32),
-                *self._put(patchwork),
-                self._array(patchwork.matched, wp.int32),
-                self._array(patchwork.rotation, float),
-                self._array(landmarks, wp.int32),
+                upload(targets, wp.int32, self.device),
+                table,
+                self._table,
+                self._upload_ground(patchwork),
+                upload(landmarks, wp.int32, self.device),
                 max(float(factor), 1.5),
                 int(seed) & 0x7FFFFFFF,
             ],
@@ -344,14 +359,14 @@ class ApproximateSearch:
         near = (candidate >= 0) & (found <= factor * found[:, :1])
         return Matches(candidate, np.where(near, found, 1e30), near.sum(axis=1).astype(np.int32))
 
-    def _put(self, patchwork: Patchwork) -> list[wp.array]:
-        """Upload what does not change from list to list once."""
-        if self._ground is None or self._ground[0].foot is not patchwork.foot:
-            arrays = [self._array(a, wp.vec3) for a in (patchwork.foot, patchwork.u, patchwork.v)]
-            arrays += [self._array(a, wp.int32) for a in (patchwork.offsets, patchwork.neighbours)]
-            self._ground = (patchwork, arrays)
-        return self._ground[1]
-
-    def _array(self, data: np.ndarray, dtype: type) -> wp.array:
-        kind = np.int32 if dtype is wp.int32 else np.float32
-        return wp.array(np.ascontiguousarray(data, kind), dtype=dtype, device=self.device)
+    def _upload_ground(self, patchwork: Patchwork) -> MatchedGround:
+        """Return ``patchwork`` on the device; what does not change from call to call is uploaded once."""
+        ground = self._ground
+        if self._ground_of is None or self._ground_of.foot is not patchwork.foot:
+            ground.frames = upload_frames(patchwork.foot, patchwork.u, patchwork.v, self.device)
+            ground.offsets = upload(patchwork.offsets, wp.int32, self.device)
+            ground.neighbours = upload(patchwork.neighbours, wp.int32, self.device)
+            self._ground_of = patchwork
+        ground.matched = upload(patchwork.matched, wp.int32, self.device)
+        ground.rotation = upload(patchwork.rotation, wp.float32, self.device)
+        return ground

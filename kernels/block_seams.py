@@ -4,36 +4,35 @@ from __future__ import annotations
 
 import warp as wp
 
+from intaglio.kernels.block_search import SamplePlanes
 from intaglio.kernels.lanes import difference
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def overlap_errors(
+def overlap_errors_kernel(
     start: int,
     first_block: int,
     origin: wp.array[wp.vec2i],
     choice: wp.array[wp.int32],
     canvas: wp.array2d[wp.int32],
-    planes: wp.array[wp.float32],
-    maps: int,
-    plane: int,
-    width: int,
+    sample: SamplePlanes,
     squared: int,
     # output
     error: wp.array3d[wp.float32],
 ):
-    """Write the difference between a block and what it would cover, over all maps; 0 where it covers nothing."""
+    """Write Σ_c difference(new, old) between a block's pixel and the one it would cover; 0 where it covers nothing."""
     i, k, x = wp.tid()
     y = start + i
     b = first_block + k
     old = canvas[(origin[b][0] + y) % canvas.shape[0], (origin[b][1] + x) % canvas.shape[1]]
     total = float(0.0)
     if old >= 0:
-        new = choice[b] + y * width + x
-        for c in range(maps):
-            total += difference(planes[c * plane + new], planes[c * plane + old], squared)
+        new = choice[b] + y * sample.width + x
+        for c in range(sample.maps):
+            at = c * sample.plane
+            total += difference(sample.numbers[at + new], sample.numbers[at + old], squared)
     error[k, y, x] = total
 
 
@@ -51,12 +50,12 @@ def strip_error(error: wp.array3d[wp.float32], k: int, side: int, along: int, ac
 
 @wp.func
 def step_error(error: wp.array3d[wp.float32], k: int, side: int, along: int, across: int, block: int):
-    """Return what it costs that a seam steps aside over pixel ``across``, between ``along - 1`` and ``along``."""
+    """Return the cost of a seam's step across pixel ``across``, between the lines ``along - 1`` and ``along``."""
     return strip_error(error, k, side, along - 1, across, block) + strip_error(error, k, side, along, across, block)
 
 
 @wp.kernel
-def cut_paths(
+def cut_paths_kernel(
     start: int,
     first_block: int,
     overlap: wp.array[wp.vec4i],
@@ -67,8 +66,9 @@ def cut_paths(
     # output
     cut: wp.array3d[wp.int32],
 ):
-    """Find, by dynamic programming, the path of least error through the overlap at one side of one block.
+    """Find the path of least error through the overlap at one side of one block, by dynamic programming.
 
+    S(a, x) = e(a, x) + e(a, x - 1) + min over x' in {x - 1, x, x + 1} of S(a - 1, x') + the cost of the step from x' to x.
     ``cut[k, side, along]`` is how far from that side the new block begins; 0 where there is no overlap.
     """
     i, side = wp.tid()
@@ -80,7 +80,7 @@ def cut_paths(
         return
     for a in range(block):
         for x in range(wide):
-            # The seam runs between pixels x - 1 and x, and costs the errors of both, as an edge of a graph cut would.
+            # The seam runs between pixels x - 1 and x and costs the errors of both, as an edge between them costs a graph cut.
             here = strip_error(error, k, side, a, x, block)
             beside = strip_error(error, k, side, a, wp.max(x - 1, 0), block)
             before = float(0.0)
@@ -99,7 +99,7 @@ def cut_paths(
         a = block - 1 - j
         cut[k, side, a] = at
         if a > 0:
-            # Straight on where it costs the same.
+            # Of paths that cost the same, the straight one is taken.
             best = summed[k, side, a - 1, at]
             to = at
             if at > 0 and summed[k, side, a - 1, at - 1] + step_error(error, k, side, a, at - 1, block) < best:
@@ -111,14 +111,14 @@ def cut_paths(
 
 
 @wp.kernel
-def mark_kept(
+def mark_kept_kernel(
     start: int,
     block: int,
     cut: wp.array3d[wp.int32],
     # output
     take: wp.array3d[wp.uint8],
 ):
-    """Mark the pixels of a block that lie within its cuts."""
+    """Write 1 for the pixels of a block that lie within its four cuts, else 0."""
     i, k, x = wp.tid()
     y = start + i
     inside = x >= cut[k, 0, y] and y >= cut[k, 1, x] and block - 1 - x >= cut[k, 2, y] and block - 1 - y >= cut[k, 3, x]
@@ -126,7 +126,7 @@ def mark_kept(
 
 
 @wp.kernel
-def lay_blocks(
+def lay_blocks_kernel(
     start: int,
     first_block: int,
     origin: wp.array[wp.vec2i],
@@ -136,7 +136,7 @@ def lay_blocks(
     # output
     canvas: wp.array2d[wp.int32],
 ):
-    """Lay a block: its marked pixels, and all where there was nothing."""
+    """Copy a block to the canvas: its marked pixels, and all those under which there was nothing."""
     i, k, x = wp.tid()
     y = start + i
     b = first_block + k

@@ -1,4 +1,4 @@
-"""The search for blocks of a sample whose overlap with what is laid fits best.
+"""The search for the blocks of a sample that fit best what they overlap on the canvas.
 
 The canvas holds, for every pixel, the sample pixel it copies (an index into a plane) or -1; values are read through it.
 
@@ -19,57 +19,89 @@ wp.set_module_options({"enable_backward": False})
 
 ROWS = 4
 
-# A search gives a group up after any of this many parts of the overlap, as soon as it can't be chosen any more.
-PARTS = wp.constant(8)
+# The overlap is summed in this many parts. After each, a group of candidates none of which can be chosen any more is given up.
+_PARTS = wp.constant(8)
 
-# The most blocks that a block can continue; and what stands in their list if it has to fit others too.
-CONTINUED = wp.constant(4)
-OTHERS = wp.constant(-2)
+# A block continues at most this many neighbours. An entry of _OTHERS says that it has to fit more blocks than it can continue.
+_CONTINUED = wp.constant(4)
+_OTHERS = wp.constant(-2)
+
+
+@wp.struct
+class SamplePlanes:
+    """A sample's maps, plane after plane: pixel (y, x) of map c is number ``c * plane + y * width + x``."""
+
+    numbers: wp.array[wp.float32]
+    # The same memory, as vectors of 16 that begin at every number.
+    lanes: wp.array[vec16]
+    maps: int
+    plane: int
+    width: int
+
+
+@wp.struct
+class Stencils:
+    """The known pixels of blocks, listed once for each shape of overlap.
+
+    Block b has shape ``index[b]``, whose pixels stand from ``first`` on, ``count`` of them: row and column within the block, and
+    for every map the distance from the block's first pixel to the pixel in the sample's planes.
+    """
+
+    index: wp.array[wp.int32]
+    first: wp.array[wp.int32]
+    count: wp.array[wp.int32]
+    pixel: wp.array[wp.vec2i]
+    offset: wp.array[wp.int32]
+
+
+@wp.struct
+class Barred:
+    """Candidates near which no block may start, for each block of a wave: pixels of the sample, -1 for none."""
+
+    candidate: wp.array2d[wp.int32]
+    # Distance in rows and columns up to which candidates are barred; -1 bars none.
+    radius: int
 
 
 @wp.kernel
-def gather_overlaps(
+def gather_overlaps_kernel(
     start: int,
     first_block: int,
     origin: wp.array[wp.vec2i],
-    stencil: wp.array[wp.int32],
-    first: wp.array[wp.int32],
-    count: wp.array[wp.int32],
-    pixel: wp.array[wp.vec2i],
+    stencils: Stencils,
     box: int,
     canvas: wp.array2d[wp.int32],
-    planes: wp.array[wp.float32],
-    maps: int,
-    plane: int,
+    sample: SamplePlanes,
     # output
     value: wp.array2d[wp.float32],
 ):
-    """Write what lies under a block's known pixels: sums over ``box`` x ``box`` pixels, ``maps`` of them a pixel."""
+    """Write what lies under a block's known pixels p: for every map c, Σ over ``box`` x ``box`` pixels from p of map c."""
     i, k = wp.tid()
     p = start + i
     b = first_block + k
-    s = stencil[b]
-    if p >= count[s]:
+    s = stencils.index[b]
+    if p >= stencils.count[s]:
         return
-    at = pixel[first[s] + p]
+    at = stencils.pixel[stencils.first[s] + p]
     height = canvas.shape[0]
     width = canvas.shape[1]
-    for c in range(maps):
+    for c in range(sample.maps):
         total = float(0.0)
         for dy in range(box):
             for dx in range(box):
                 y = (origin[b][0] + at[0] + dy) % height
                 x = (origin[b][1] + at[1] + dx) % width
-                total += planes[c * plane + canvas[y, x]]
-        value[k, p * maps + c] = total
+                total += sample.numbers[c * sample.plane + canvas[y, x]]
+        value[k, p * sample.maps + c] = total
 
 
 @wp.func
-def near_continued(continued: wp.array2d[wp.int32], b: int, row: int, column: int, width: int, radius: int):
-    """Return whether a block that this one would continue starts within ``radius`` of a group of candidates."""
+def near_barred(barred: Barred, b: int, row: int, column: int, width: int):
+    """Return 1 if a barred candidate lies within ``barred.radius`` of a group of candidates, else 0."""
+    radius = barred.radius
     found = int(0)
-    for j in range(CONTINUED):
-        at = continued[b, j]
+    for j in range(_CONTINUED):
+        at = barred.candidate[b, j]
         if at >= 0:
             y = at / width
             x = at - y * width
@@ -79,11 +111,12 @@ def near_continued(continued: wp.array2d[wp.int32], b: int, row: int, column: in
 
 
 @wp.func
-def barred(continued: wp.array2d[wp.int32], b: int, row: int, column: int, width: int, radius: int):
-    """Return lanes of `UNUSABLE` where a candidate of the row lies within ``radius`` of a block this one would continue."""
+def barred_lanes(barred: Barred, b: int, row: int, column: int, width: int):
+    """Return `UNUSABLE` in the lanes of those candidates of a row that lie within ``barred.radius`` of a barred one, else 0."""
+    radius = barred.radius
     bar = vec16(0.0)
-    for j in range(CONTINUED):
-        at = continued[b, j]
+    for j in range(_CONTINUED):
+        at = barred.candidate[b, j]
         if at >= 0:
             y = at / width
             x = at - y * width
@@ -98,21 +131,15 @@ def _cost_kernel(terms: Any) -> wp.Kernel:
     """Return the search kernel for one metric."""
 
     @wp.kernel
-    def overlap_costs(
+    def overlap_costs_kernel(
         start: int,
         first_block: int,
-        stencil: wp.array[wp.int32],
-        first: wp.array[wp.int32],
-        count: wp.array[wp.int32],
-        offset: wp.array[wp.int32],
+        stencils: Stencils,
         value: wp.array2d[wp.float32],
-        sample: wp.array[vec16],
+        sample: SamplePlanes,
         penalty: wp.array2d[vec16],
-        maps: int,
-        width: int,
         scale: float,
-        continued: wp.array2d[wp.int32],
-        radius: int,
+        barred: Barred,
         bound: wp.array[wp.float32],
         lower: wp.array3d[wp.float32],
         use_lower: int,
@@ -120,15 +147,17 @@ def _cost_kernel(terms: Any) -> wp.Kernel:
         cost: wp.array3d[vec16],
         least: wp.array3d[wp.float32],
     ):
-        """Costs of 4 rows of 16 candidates for one block, summed over its overlap and all maps (Dong, eq. 6.2.1).
+        """Write scale Σ terms(sample, value) + penalty for 4 rows of 16 candidates of one block, and the least of these costs.
 
-        A group is given up when none of its 64 candidates can come under the block's bound: at once, where its lower bound
-        says so, or after a part of the overlap. What is written then is a lower bound too, above ``bound``.
+        The sum runs over the block's overlap and all maps (Dong, eq. 6.2.1). A group is given up when none of its 64
+        candidates can come under the block's bound: at once, where its lower bound says so, or after a part of the overlap.
+        What is written then is a lower bound too, above ``bound``.
         """
         i, k, g = wp.tid()
         group = start + i
         row = ROWS * group
-        s = stencil[first_block + k]
+        s = stencils.index[first_block + k]
+        width = sample.width
         limit = bound[k]
         if limit < 0.0:
             least[k, group, g] = float(UNUSABLE)
@@ -141,29 +170,29 @@ def _cost_kernel(terms: Any) -> wp.Kernel:
         p1 = penalty[row + 1, g]
         p2 = penalty[row + 2, g]
         p3 = penalty[row + 3, g]
-        # Kernels evaluate both sides of an "and".
-        if radius >= 0:
-            if near_continued(continued, k, row, LANES * g, width, radius) == 1:
-                p0 += barred(continued, k, row, LANES * g, width, radius)
-                p1 += barred(continued, k, row + 1, LANES * g, width, radius)
-                p2 += barred(continued, k, row + 2, LANES * g, width, radius)
-                p3 += barred(continued, k, row + 3, LANES * g, width, radius)
+        # Two tests, since kernels evaluate both sides of an "and".
+        if barred.radius >= 0:
+            if near_barred(barred, k, row, LANES * g, width) == 1:
+                p0 += barred_lanes(barred, k, row, LANES * g, width)
+                p1 += barred_lanes(barred, k, row + 1, LANES * g, width)
+                p2 += barred_lanes(barred, k, row + 2, LANES * g, width)
+                p3 += barred_lanes(barred, k, row + 3, LANES * g, width)
         t0 = vec16(0.0)
         t1 = vec16(0.0)
         t2 = vec16(0.0)
         t3 = vec16(0.0)
-        terms_in_all = count[s] * maps
-        at = first[s] * maps
+        terms_in_all = stencils.count[s] * sample.maps
+        at = stencils.first[s] * sample.maps
         done = int(0)
-        for part in range(PARTS):
-            stop = (terms_in_all * (part + 1)) / PARTS
+        for part in range(_PARTS):
+            stop = (terms_in_all * (part + 1)) / _PARTS
             for j in range(done, stop):
-                o = base + offset[at + j]
+                o = base + stencils.offset[at + j]
                 v = value[k, j]
-                t0 += terms(sample[o], v)
-                t1 += terms(sample[o + width], v)
-                t2 += terms(sample[o + 2 * width], v)
-                t3 += terms(sample[o + 3 * width], v)
+                t0 += terms(sample.lanes[o], v)
+                t1 += terms(sample.lanes[o + width], v)
+                t2 += terms(sample.lanes[o + 2 * width], v)
+                t3 += terms(sample.lanes[o + 3 * width], v)
             done = stop
             nearest = wp.min(
                 wp.min(wp.min(scale * t0 + p0), wp.min(scale * t1 + p1)), wp.min(wp.min(scale * t2 + p2), wp.min(scale * t3 + p3))
@@ -181,11 +210,11 @@ def _cost_kernel(terms: Any) -> wp.Kernel:
         cost[k, row + 3, g] = t3
         least[k, group, g] = wp.min(wp.min(wp.min(t0), wp.min(t1)), wp.min(wp.min(t2), wp.min(t3)))
 
-    return overlap_costs
+    return overlap_costs_kernel
 
 
-absolute_costs = _cost_kernel(absolute_terms)
-squared_costs = _cost_kernel(squared_terms)
+absolute_costs_kernel = _cost_kernel(absolute_terms)
+squared_costs_kernel = _cost_kernel(squared_terms)
 
 
 @wp.func
@@ -193,52 +222,48 @@ def exact_cost(
     candidate: int,
     first: int,
     terms: int,
-    offset: wp.array[wp.int32],
+    stencils: Stencils,
     value: wp.array2d[wp.float32],
     k: int,
-    planes: wp.array[wp.float32],
+    sample: SamplePlanes,
     squared: int,
 ):
-    """Return one candidate's cost."""
+    """Return one candidate's cost Σ_j difference(sample, value), over ``terms`` pixels and maps of its overlap."""
     total = float(0.0)
     for j in range(terms):
-        total += difference(planes[candidate + offset[first + j]], value[k, j], squared)
+        total += difference(sample.numbers[candidate + stencils.offset[first + j]], value[k, j], squared)
     return total
 
 
 @wp.kernel
-def set_bounds(
+def set_bounds_kernel(
     start: int,
     first_block: int,
-    stencil: wp.array[wp.int32],
-    first: wp.array[wp.int32],
-    count: wp.array[wp.int32],
-    offset: wp.array[wp.int32],
+    stencils: Stencils,
     value: wp.array2d[wp.float32],
-    planes: wp.array[wp.float32],
+    sample: SamplePlanes,
     penalty: wp.array2d[wp.float32],
-    maps: int,
-    width: int,
     squared: int,
     tolerance: float,
-    continued: wp.array2d[wp.int32],
-    radius: int,
+    barred: Barred,
     lower: wp.array3d[wp.float32],
     lower_cost: wp.array3d[wp.float32],
     use_lower: int,
     # output
     bound: wp.array[wp.float32],
 ):
-    """Bound the cost of what can be chosen: (1 + tolerance) times that of the likeliest candidates, which is no less.
+    """Write bound = (1 + tolerance) min c over the likeliest candidates, above which no candidate can be chosen.
 
-    The likeliest are the one of least lower bound, and those that continue a neighbour, unless these are barred.
+    The likeliest are the one of least lower bound, and those that continue a neighbour, unless these are barred. The least
+    cost of all candidates is at most the likeliest ones', so the bound leaves out nothing that could be chosen.
     """
     k = start + wp.tid()
     if bound[k] < 0.0:
         return
-    s = stencil[first_block + k]
-    terms = count[s] * maps
-    at = first[s] * maps
+    s = stencils.index[first_block + k]
+    width = sample.width
+    terms = stencils.count[s] * sample.maps
+    at = stencils.first[s] * sample.maps
     best = float(UNUSABLE)
     if use_lower == 1:
         smallest = float(UNUSABLE)
@@ -256,20 +281,20 @@ def set_bounds(
                     x = LANES * column + lane
                     if lower_cost[k, ROWS * group + r, x] == smallest:
                         candidate = (ROWS * group + r) * width + x
-                        best = wp.min(best, exact_cost(candidate, at, terms, offset, value, k, planes, squared))
-    if radius < 0:
-        for j in range(CONTINUED):
-            candidate = continued[k, j]
+                        best = wp.min(best, exact_cost(candidate, at, terms, stencils, value, k, sample, squared))
+    if barred.radius < 0:
+        for j in range(_CONTINUED):
+            candidate = barred.candidate[k, j]
             if candidate >= 0:
                 y = candidate / width
                 if penalty[y, candidate - y * width] == 0.0:
-                    best = wp.min(best, exact_cost(candidate, at, terms, offset, value, k, planes, squared))
+                    best = wp.min(best, exact_cost(candidate, at, terms, stencils, value, k, sample, squared))
     rounding = SLACK + RELATIVE * float(terms)
     bound[k] = wp.min(float(UNUSABLE), best * (1.0 + tolerance) * rounding + 0.1 * ABSOLUTE * float(terms))
 
 
 @wp.kernel
-def choose_blocks(
+def choose_blocks_kernel(
     start: int,
     first_block: int,
     cost: wp.array3d[wp.float32],
@@ -280,7 +305,7 @@ def choose_blocks(
     # output
     choice: wp.array[wp.int32],
 ):
-    """Choose a candidate at random among those within (1 + tolerance) of the least cost."""
+    """Choose at random one of the candidates whose cost is at most (1 + tolerance) min c."""
     k = start + wp.tid()
     best = float(UNUSABLE)
     for i in range(least.shape[1]):
@@ -313,7 +338,7 @@ def choose_blocks(
 
 
 @wp.kernel
-def continue_neighbours(
+def continue_neighbours_kernel(
     start: int,
     first_block: int,
     neighbour: wp.array2d[wp.int32],
@@ -335,10 +360,10 @@ def continue_neighbours(
     b = first_block + k
     agreed = int(-1)
     differ = int(0)
-    for j in range(CONTINUED):
+    for j in range(_CONTINUED):
         continued[k, j] = -1
         n = neighbour[b, j]
-        if n == OTHERS:
+        if n == _OTHERS:
             differ = 1
         if n >= 0:
             y = choice[n] / width
@@ -360,19 +385,19 @@ def continue_neighbours(
 
 
 @wp.kernel
-def bound_taken(
+def bound_taken_kernel(
     start: int,
     taken: wp.array[wp.int32],
     # output
     bound: wp.array[wp.float32],
 ):
-    """Leave no search to blocks that are taken without one: every cost is above a bound of -1."""
+    """Write bound = -1, which no cost is under, for blocks that are taken without a search, and `UNUSABLE` for the others."""
     k = start + wp.tid()
     bound[k] = wp.where(taken[k] >= 0, -1.0, float(UNUSABLE))
 
 
 @wp.kernel
-def take_agreed(
+def take_agreed_kernel(
     start: int,
     first_block: int,
     taken: wp.array[wp.int32],

@@ -12,22 +12,25 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.block_seams import cut_paths, lay_blocks, mark_kept, overlap_errors
+from intaglio.kernels.block_seams import cut_paths_kernel, lay_blocks_kernel, mark_kept_kernel, overlap_errors_kernel
 from intaglio.kernels.block_search import (
     ROWS,
-    absolute_costs,
-    bound_taken,
-    choose_blocks,
-    continue_neighbours,
-    gather_overlaps,
-    set_bounds,
-    squared_costs,
-    take_agreed,
+    Barred,
+    SamplePlanes,
+    Stencils,
+    absolute_costs_kernel,
+    bound_taken_kernel,
+    choose_blocks_kernel,
+    continue_neighbours_kernel,
+    gather_overlaps_kernel,
+    set_bounds_kernel,
+    squared_costs_kernel,
+    take_agreed_kernel,
 )
 from intaglio.kernels.lanes import LANES, UNUSABLE, vec16
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 
-# Costs held at a time, in bytes; fixed, so that results do not depend on the machine.
+# Bytes of costs that are held at a time. The number is fixed, so that results do not depend on the machine.
 _COST_BYTES = 64_000_000
 
 
@@ -73,18 +76,6 @@ class Blocks:
     neighbour: np.ndarray
     waves: np.ndarray
     shape: tuple[int, int]
-
-
-@dataclass(frozen=True)
-class _Stencils:
-    """Pixel lists of the overlaps' shapes, on the device."""
-
-    index: wp.array
-    first: wp.array
-    count: wp.array
-    pixel: wp.array
-    offset: wp.array
-    longest: int
 
 
 def known_pixels(overlap: np.ndarray, block: int) -> np.ndarray:
@@ -151,33 +142,32 @@ class BlockLayer:
         self._maps, height, width = sample.planes.shape
         rows, columns = sample.usable.shape
         self._groups = (-(-rows // ROWS), -(-columns // LANES))
-        # Groups at the edge read past it, into padding.
+        # Groups of candidates at the sample's edge read past it: rows and columns of padding are there.
         self._width = width + LANES
         self._plane = (height + ROWS) * self._width
-        self._planes, self._lanes = self._upload(sample.planes)
+        self._sample = self._upload(sample.planes)
         penalty = np.full((self._groups[0] * ROWS, self._groups[1] * LANES), UNUSABLE, np.float32)
         penalty[:rows, :columns][sample.usable] = 0
-        self._penalty = wp.array(penalty, dtype=float, device=device)
-        self._penalty_lanes = wp.array(penalty.reshape(len(penalty), -1, LANES), dtype=vec16, device=device)
-        self._reaches = wp.array(np.array([[rows, columns]], np.int32), dtype=wp.vec2i, device=device)
+        self._penalty = upload(penalty, wp.float32, device)
+        self._penalty_lanes = upload(penalty.reshape(len(penalty), -1, LANES), vec16, device)
+        self._reaches = upload(np.array([[rows, columns]]), wp.vec2i, device)
 
-        self._origin = wp.array(np.ascontiguousarray(blocks.origin, np.int32), dtype=wp.vec2i, device=device)
-        self._overlap = wp.array(np.ascontiguousarray(blocks.overlap, np.int32), dtype=wp.vec4i, device=device)
-        self._neighbour = wp.array(np.ascontiguousarray(blocks.neighbour, np.int32), dtype=wp.int32, device=device)
-        step = blocks.origin[:, None, :] - blocks.origin[np.maximum(blocks.neighbour, 0)]
-        self._step = wp.array(np.ascontiguousarray(step, np.int32), dtype=wp.vec2i, device=device)
-        self._uniform = wp.array(np.ascontiguousarray(uniform, np.float32), dtype=float, device=device)
+        self._origin = upload(blocks.origin, wp.vec2i, device)
+        self._overlap = upload(blocks.overlap, wp.vec4i, device)
+        self._neighbour = upload(blocks.neighbour, wp.int32, device)
+        self._step = upload(blocks.origin[:, None, :] - blocks.origin[np.maximum(blocks.neighbour, 0)], wp.vec2i, device)
+        self._uniform = upload(uniform, wp.float32, device)
         self._choice = wp.full(len(blocks.origin), -1, dtype=wp.int32, device=device)
         self._canvas = wp.full(blocks.shape, -1, dtype=wp.int32, device=device)
 
-        self._full = self._stencils(1)
+        self._full, self._longest = self._stencils(1)
         widest = int(blocks.overlap.max(initial=0))
         narrowest = int(blocks.overlap[blocks.overlap > 0].min(initial=widest + 1)) if widest else 0
         self._box = 0
         if prune and narrowest >= 4:
             self._box = 8 if narrowest >= 16 else 4 if narrowest >= 8 else 2
-            self._boxes, self._box_lanes = self._upload(box_sums(sample.planes, self._box))
-            self._cells = self._stencils(self._box)
+            self._boxes = self._upload(box_sums(sample.planes, self._box))
+            self._cells, self._most_cells = self._stencils(self._box)
         self._prune = prune
         self._make_buffers()
 
@@ -216,16 +206,20 @@ class BlockLayer:
             if progress is not None:
                 progress(int(stop), len(self.blocks.origin))
 
-    def _upload(self, planes: np.ndarray) -> tuple[wp.array, wp.array]:
+    def _upload(self, planes: np.ndarray) -> SamplePlanes:
         """Return padded planes on the device, as numbers and as vectors that begin at any number."""
         padded = np.zeros((self._maps, self._plane // self._width, self._width), np.float32)
         padded[:, : planes.shape[1], : planes.shape[2]] = planes
-        flat = wp.array(np.concatenate([padded.ravel(), np.zeros(LANES, np.float32)]), dtype=float, device=self.device)
-        lanes = wp.array(ptr=flat.ptr, dtype=vec16, shape=(self._maps * self._plane,), strides=(4,), device=self.device)
-        return flat, lanes
+        sample = SamplePlanes()
+        sample.numbers = upload(np.concatenate([padded.ravel(), np.zeros(LANES, np.float32)]), wp.float32, self.device)
+        sample.lanes = wp.array(
+            ptr=sample.numbers.ptr, dtype=vec16, shape=(self._maps * self._plane,), strides=(4,), device=self.device
+        )
+        sample.maps, sample.plane, sample.width = self._maps, self._plane, self._width
+        return sample
 
-    def _stencils(self, box: int) -> _Stencils:
-        """Return the lists of the overlaps' pixels, or of the ``box`` x ``box`` cells that lie in them."""
+    def _stencils(self, box: int) -> tuple[Stencils, int]:
+        """Return the lists of the overlaps' pixels, or of the ``box`` x ``box`` cells in them, and the longest list's length."""
         block = self.blocks.block
         shapes, index = np.unique(self.blocks.overlap, axis=0, return_inverse=True)
         known = known_pixels(shapes, block)
@@ -236,20 +230,18 @@ class BlockLayer:
                 for x in range(0, block - box + 1, box):
                     cells[y, x] = mask[y : y + box, x : x + box].all()
             pixels = np.argwhere(cells).astype(np.int32)
-            # Interleaved, so that any part of the list is spread over the overlap.
+            # The list takes every eighth pixel first, so that each of its parts is spread over the whole overlap.
             lists.append(np.concatenate([pixels[i::8] for i in range(8)]))
         counts = np.array([len(p) for p in lists], np.int32)
         pixels = np.concatenate(lists) if counts.sum() else np.zeros((1, 2), np.int32)
         flat = pixels[:, 0] * self._width + pixels[:, 1]
-        offset = (flat[:, None] + self._plane * np.arange(self._maps)[None, :]).astype(np.int32)
-        return _Stencils(
-            index=wp.array(index.ravel().astype(np.int32), dtype=wp.int32, device=self.device),
-            first=wp.array(np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int32), dtype=wp.int32, device=self.device),
-            count=wp.array(counts, dtype=wp.int32, device=self.device),
-            pixel=wp.array(pixels, dtype=wp.vec2i, device=self.device),
-            offset=wp.array(offset.ravel(), dtype=wp.int32, device=self.device),
-            longest=int(max(counts.max(), 1)),
-        )
+        stencils = Stencils()
+        stencils.index = upload(index.ravel(), wp.int32, self.device)
+        stencils.first = upload(np.concatenate([[0], np.cumsum(counts)[:-1]]), wp.int32, self.device)
+        stencils.count = upload(counts, wp.int32, self.device)
+        stencils.pixel = upload(pixels, wp.vec2i, self.device)
+        stencils.offset = upload((flat[:, None] + self._plane * np.arange(self._maps)).ravel(), wp.int32, self.device)
+        return stencils, int(max(counts.max(), 1))
 
     def _make_buffers(self) -> None:
         """Make what a wave is worked out in."""
@@ -258,92 +250,115 @@ class BlockLayer:
         candidates = rows * columns * ROWS * LANES
         most = int(np.diff(self.blocks.waves).max(initial=1))
         self._at_once = count = int(np.clip(_COST_BYTES // (4 * candidates), 1, most))
-        self._value = wp.zeros((count, self._full.longest * self._maps), dtype=float, device=device)
-        self._cost = wp.zeros((count, rows * ROWS, columns * LANES), dtype=float, device=device)
+        self._value = wp.zeros((count, self._longest * self._maps), dtype=wp.float32, device=device)
+        self._cost = wp.zeros((count, rows * ROWS, columns * LANES), dtype=wp.float32, device=device)
         self._cost_lanes = wp.array(ptr=self._cost.ptr, dtype=vec16, shape=(count, rows * ROWS, columns), device=device)
-        self._least = wp.zeros((count, rows, columns), dtype=float, device=device)
-        self._lower = wp.zeros((count, rows, columns), dtype=float, device=device)
-        self._bound = wp.zeros(count, dtype=float, device=device)
-        self._continued = wp.zeros((count, 4), dtype=wp.int32, device=device)
+        self._least = wp.zeros((count, rows, columns), dtype=wp.float32, device=device)
+        self._lower = wp.zeros((count, rows, columns), dtype=wp.float32, device=device)
+        self._bound = wp.zeros(count, dtype=wp.float32, device=device)
+        self._barred = Barred()
+        self._barred.candidate = wp.zeros((count, 4), dtype=wp.int32, device=device)
+        self._barred.radius = self._radius
         self._taken = wp.zeros(count, dtype=wp.int32, device=device)
-        self._error = wp.zeros((count, block, block), dtype=float, device=device)
+        self._error = wp.zeros((count, block, block), dtype=wp.float32, device=device)
         widest = max(1, int(self.blocks.overlap.max(initial=0)))
-        self._summed = wp.zeros((count, 4, block, widest), dtype=float, device=device)
+        self._summed = wp.zeros((count, 4, block, widest), dtype=wp.float32, device=device)
         self._cut = wp.zeros((count, 4, block), dtype=wp.int32, device=device)
         self._take = wp.zeros((count, block, block), dtype=wp.uint8, device=device)
 
     def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list[Any], outputs: list[Any], work: float) -> None:
-        launch(kernel, dim, inputs, outputs, device=self.device, work=work)
+        launch(kernel, dim, inputs=inputs, outputs=outputs, device=self.device, work=work)
 
-    def _costs(self, stencils: _Stencils, lanes: wp.array, first: int, count: int, *, box: int, use_lower: bool) -> None:
+    def _costs(self, first: int, count: int, *, boxes: bool) -> None:
         """Search one wave, with pixels or with boxes."""
         rows, columns = self._groups
-        kernel = squared_costs if self._squared else absolute_costs
-        least = self._least if box == 1 else self._lower
-        scale = 1.0 / (box * box) if self._squared else 1.0
+        stencils, longest = (self._cells, self._most_cells) if boxes else (self._full, self._longest)
+        scale = 1.0 / (self._box * self._box) if boxes and self._squared else 1.0
         self._launch(
-            kernel,
+            squared_costs_kernel if self._squared else absolute_costs_kernel,
             (rows, count, columns),
-            [
-                first, stencils.index, stencils.first, stencils.count, stencils.offset, self._value, lanes, self._penalty_lanes,
-                self._maps, self._width, scale, self._continued, self._radius, self._bound, self._lower, int(use_lower),
+            inputs=[
+                first,
+                stencils,
+                self._value,
+                self._boxes if boxes else self._sample,
+                self._penalty_lanes,
+                scale,
+                self._barred,
+                self._bound,
+                self._lower,
+                int(self._box > 0 and not boxes),
             ],
-            [self._cost_lanes, least],
-            work=count * columns * stencils.longest * self._maps * ROWS,
-        )  # fmt: skip
+            outputs=[self._cost_lanes, self._lower if boxes else self._least],
+            work=count * columns * longest * self._maps * ROWS,
+        )
 
-    def _gather(self, stencils: _Stencils, planes: wp.array, first: int, count: int, box: int) -> None:
+    def _gather(self, first: int, count: int, *, boxes: bool) -> None:
+        """Write what lies under the overlaps of one wave, pixel by pixel or summed over boxes."""
+        stencils, longest = (self._cells, self._most_cells) if boxes else (self._full, self._longest)
+        box = self._box if boxes else 1
         self._launch(
-            gather_overlaps,
-            (stencils.longest, count),
-            [
-                first, self._origin, stencils.index, stencils.first, stencils.count, stencils.pixel, box, self._canvas,
-                planes, self._maps, self._plane,
-            ],
-            [self._value],
+            gather_overlaps_kernel,
+            (longest, count),
+            inputs=[first, self._origin, stencils, box, self._canvas, self._sample],
+            outputs=[self._value],
             work=3 * count * self._maps * box * box,
-        )  # fmt: skip
+        )
 
     def _search(self, first: int, count: int) -> None:
         """Choose the blocks ``first`` to ``first + count``."""
-        stencils = self._full
         rows, columns = self._groups
         self._launch(
-            continue_neighbours,
+            continue_neighbours_kernel,
             count,
-            [
-                first, self._neighbour, self._step, self._reaches, self._choice, self._width, self._penalty, self._shortcut,
+            inputs=[
+                first,
+                self._neighbour,
+                self._step,
+                self._reaches,
+                self._choice,
+                self._width,
+                self._penalty,
+                self._shortcut,
             ],
-            [self._continued, self._taken],
+            outputs=[self._barred.candidate, self._taken],
             work=20,
-        )  # fmt: skip
-        self._launch(bound_taken, count, [self._taken], [self._bound], work=1)
+        )
+        self._launch(bound_taken_kernel, count, inputs=[self._taken], outputs=[self._bound], work=1)
         if self._box:
-            self._gather(self._cells, self._planes, first, count, self._box)
-            self._costs(self._cells, self._box_lanes, first, count, box=self._box, use_lower=False)
-        self._gather(stencils, self._planes, first, count, 1)
+            self._gather(first, count, boxes=True)
+            self._costs(first, count, boxes=True)
+        self._gather(first, count, boxes=False)
         if self._prune:
             self._launch(
-                set_bounds,
+                set_bounds_kernel,
                 count,
-                [
-                    first, stencils.index, stencils.first, stencils.count, stencils.offset, self._value, self._planes,
-                    self._penalty, self._maps, self._width, self._squared, self._tolerance, self._continued, self._radius,
-                    self._lower, self._cost, int(self._box > 0),
+                inputs=[
+                    first,
+                    self._full,
+                    self._value,
+                    self._sample,
+                    self._penalty,
+                    self._squared,
+                    self._tolerance,
+                    self._barred,
+                    self._lower,
+                    self._cost,
+                    int(self._box > 0),
                 ],
-                [self._bound],
-                work=3 * stencils.longest * self._maps + rows * columns,
-            )  # fmt: skip
-        self._costs(stencils, self._lanes, first, count, box=1, use_lower=self._box > 0)
+                outputs=[self._bound],
+                work=3 * self._longest * self._maps + rows * columns,
+            )
+        self._costs(first, count, boxes=False)
         self._launch(
-            choose_blocks,
+            choose_blocks_kernel,
             count,
-            [first, self._cost, self._least, self._width, self._tolerance, self._uniform],
-            [self._choice],
+            inputs=[first, self._cost, self._least, self._width, self._tolerance, self._uniform],
+            outputs=[self._choice],
             work=3 * rows * columns,
         )
         if self._shortcut:
-            self._launch(take_agreed, count, [first, self._taken], [self._choice], work=1)
+            self._launch(take_agreed_kernel, count, inputs=[first, self._taken], outputs=[self._choice], work=1)
 
     def _sew(self, first: int, count: int, seams: Callable[[np.ndarray, np.ndarray], np.ndarray] | None) -> None:
         """Cut the blocks ``first`` to ``first + count`` to shape and lay them."""
@@ -351,24 +366,29 @@ class BlockLayer:
         dim = (block, count, block)
         area = block * self._summed.shape[3] * 4
         self._launch(
-            overlap_errors,
+            overlap_errors_kernel,
             dim,
-            [
-                first, self._origin, self._choice, self._canvas, self._planes, self._maps, self._plane, self._width,
-                self._squared,
-            ],
-            [self._error],
+            inputs=[first, self._origin, self._choice, self._canvas, self._sample, self._squared],
+            outputs=[self._error],
             work=2 * count * block * self._maps,
-        )  # fmt: skip
+        )
         if seams is None:
             self._launch(
-                cut_paths, (count, 4), [first, self._overlap, block, self._error], [self._summed, self._cut], work=5 * area
+                cut_paths_kernel,
+                (count, 4),
+                inputs=[first, self._overlap, block, self._error],
+                outputs=[self._summed, self._cut],
+                work=5 * area,
             )
-            self._launch(mark_kept, dim, [block, self._cut], [self._take], work=2 * count * block)
+            self._launch(mark_kept_kernel, dim, inputs=[block, self._cut], outputs=[self._take], work=2 * count * block)
         else:
             kept = np.zeros(self._take.shape, np.uint8)
             kept[:count] = seams(self._error.numpy()[:count], self.blocks.overlap[first : first + count])
             self._take.assign(kept)
         self._launch(
-            lay_blocks, dim, [first, self._origin, self._choice, self._take, self._width], [self._canvas], work=2 * count * block
+            lay_blocks_kernel,
+            dim,
+            inputs=[first, self._origin, self._choice, self._take, self._width],
+            outputs=[self._canvas],
+            work=2 * count * block,
         )

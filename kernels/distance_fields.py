@@ -1,8 +1,8 @@
 """Signed distance and gradient fields of point-set surfaces on regular grids, and the distance of patches in them.
 
 After Duranleau & Poulin, section 5.1: at each node the distance to the surface, positive on the side its normals point to,
-and the unit gradient, both by projection. Nodes beyond reach of any surface hold the reach as distance, inside of thick
-solids too, and no gradient.
+and the unit gradient, both by projection. Nodes farther than the reach from any surface hold the reach as distance, also inside
+of thick solids, and a gradient of 0.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 import warp as wp
 
 from intaglio.kernels.lanes import LANES, squared_terms, vec16
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 from intaglio.kernels.point_surface import PointSurface
-from intaglio.kernels.points import nearest_point, settle
+from intaglio.kernels.points import PointGrid, nearest_point, settle
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,31 +25,27 @@ CHANNELS = 4
 @wp.kernel
 def field_kernel(
     start: int,
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    at: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
-    support: float,
-    hermite: float,
+    surface: PointGrid,
+    at: wp.array[wp.vec3],
+    group: wp.array[wp.int32],
     reach: float,
     # output
-    field: wp.array(dtype=wp.vec4),
+    field: wp.array[wp.vec4],
 ):
-    """Signed distance and gradient at each node."""
+    """Write (d, n) at each node x: d = ±|x - foot|, with the sign of (x - foot) . n, and the normal n at the foot."""
     i = start + wp.tid()
     x = at[i]
     g = group[i]
     value = wp.vec4(reach, 0.0, 0.0, 0.0)
-    j = nearest_point(grid, points, normals, g, x, wp.vec3(), support, reach)
+    j = nearest_point(surface, g, x, wp.vec3(), reach)
     if j >= 0:
-        begin = points[j]
-        side = normals[j]
+        begin = surface.points[j]
+        side = surface.normals[j]
         foot = begin
         n = side
-        if wp.length(begin - x) < 0.5 * support:
+        if wp.length(begin - x) < 0.5 * surface.support:
             begin = x
-        at_foot, at_normal, found = settle(grid, points, normals, g, x, begin, side, support, hermite)
+        at_foot, at_normal, found = settle(surface, g, x, begin, side)
         if found == 1:
             foot = at_foot
             n = at_normal
@@ -63,16 +59,19 @@ def field_kernel(
 @wp.kernel
 def patch_distance_kernel(
     start: int,
-    planes: wp.array(dtype=vec16),
+    planes: wp.array[vec16],
     plane: int,
     width: int,
-    first: wp.array(dtype=wp.int32),
-    offset: wp.array(dtype=wp.int32),
-    value: wp.array(dtype=wp.vec4),
+    first: wp.array[wp.int32],
+    offset: wp.array[wp.int32],
+    value: wp.array[wp.vec4],
     # output
-    distance: wp.array3d(dtype=vec16),
+    distance: wp.array3d[vec16],
 ):
-    """Squared distance of the nodes of one overlap to the swatch's, for 16 neighbouring patch positions."""
+    """Write Σ_k |f(k) - g(k + position)|² over the nodes k of one overlap, for 16 neighbouring positions of a patch.
+
+    f is the field that is there already and g the swatch's, each with a distance and three components of the gradient.
+    """
     r, b, c = wp.tid()
     row = start + r
     here = row * width + c * LANES
@@ -111,19 +110,21 @@ def signed_distance(surface: PointSurface, at: np.ndarray, *, group: np.ndarray 
     at = np.ascontiguousarray(at, np.float32)
     if not len(surface):
         return np.repeat(np.array([[reach, 0, 0, 0]], np.float32), len(at), axis=0)
-    groups = np.zeros(len(at), np.int32) if group is None else np.ascontiguousarray(group, np.int32)
+    groups = np.zeros(len(at), np.int32) if group is None else group
     field = wp.empty(len(at), dtype=wp.vec4, device=surface.device)
     launch(
         field_kernel,
         len(at),
-        [
-            surface.grid, surface.points, surface.normals, wp.array(at, dtype=wp.vec3, device=surface.device),
-            wp.array(groups, dtype=wp.int32, device=surface.device), surface.support, surface.hermite, float(reach),
+        inputs=[
+            surface.point_grid,
+            upload(at, wp.vec3, surface.device),
+            upload(groups, wp.int32, surface.device),
+            float(reach),
         ],
-        [field],
+        outputs=[field],
         device=surface.device,
         work=4000,
-    )  # fmt: skip
+    )
     return field.numpy().copy()
 
 
@@ -163,13 +164,13 @@ class PatchSearch:
         if channels != CHANNELS:
             raise ValueError(f"a field has {CHANNELS} channels, not {channels}")
         self.shape = (columns, rows, layers)
-        # Groups of 16 positions read past the last column, into padding.
+        # Groups of 16 positions read past the last column: each row ends with padding.
         self._width = columns + LANES
         self._plane = layers * rows * self._width
         padded = np.zeros((CHANNELS, layers, rows, self._width), np.float32)
         padded[..., :columns] = field.transpose(3, 2, 1, 0)
-        self._flat = wp.array(np.concatenate([padded.ravel(), np.zeros(LANES, np.float32)]), dtype=float, device=device)
-        # Vectors that begin at any number.
+        self._flat = upload(np.concatenate([padded.ravel(), np.zeros(LANES, np.float32)]), wp.float32, device)
+        # The same memory as vectors of 16 that begin at every number.
         self._lanes = wp.array(ptr=self._flat.ptr, dtype=vec16, shape=(padded.size,), strides=(4,), device=device)
 
     def distances(self, overlaps: Overlaps, positions: tuple[int, int]) -> np.ndarray:
@@ -191,21 +192,23 @@ class PatchSearch:
         groups = -(-columns // LANES)
         node = overlaps.node
         offset = ((node[:, 2] * self.shape[1] + node[:, 1]) * self._width + node[:, 0]).astype(np.int32)
-        out = wp.empty((count, rows, groups * LANES), dtype=float, device=self.device)
+        out = wp.empty((count, rows, groups * LANES), dtype=wp.float32, device=self.device)
         lanes = wp.array(ptr=out.ptr, dtype=vec16, shape=(count, rows, groups), device=self.device)
         launch(
             patch_distance_kernel,
             (rows, count, groups),
-            [
-                self._lanes, self._plane, self._width,
-                wp.array(np.ascontiguousarray(overlaps.first, np.int32), dtype=wp.int32, device=self.device),
-                wp.array(offset, dtype=wp.int32, device=self.device),
-                wp.array(np.ascontiguousarray(overlaps.value, np.float32), dtype=wp.vec4, device=self.device),
+            inputs=[
+                self._lanes,
+                self._plane,
+                self._width,
+                upload(overlaps.first, wp.int32, self.device),
+                upload(offset, wp.int32, self.device),
+                upload(overlaps.value, wp.vec4, self.device),
             ],
-            [lanes],
+            outputs=[lanes],
             device=self.device,
             work=20 * len(node) * groups,
-        )  # fmt: skip
+        )
         return np.ascontiguousarray(out.numpy()[:, :, :columns].transpose(0, 2, 1))
 
 

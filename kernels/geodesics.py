@@ -9,51 +9,43 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
-from intaglio.kernels.location import barycentric
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.meshes import Frames, Triangles, build_mesh, face_barycentric, face_normal, upload_frames
 
 wp.set_module_options({"enable_backward": False})
 
-# Ends a walk that rounding keeps turning about a vertex; any real one is over long before.
+# Rounding may keep a walk turning about a vertex; this many edges end it. No real walk is so long.
 _MOST_CROSSINGS = wp.constant(1_000_000)
-
-
-@wp.func
-def face_normal(points: wp.array(dtype=wp.vec3), faces: wp.array2d(dtype=wp.int32), f: int) -> wp.vec3:
-    """Unit normal of triangle ``f``; zero where it has no area."""
-    a = points[faces[f, 0]]
-    return wp.normalize(wp.cross(points[faces[f, 1]] - a, points[faces[f, 2]] - a))
 
 
 @wp.kernel
 def trace_kernel(
     start: int,
-    foot: wp.array(dtype=wp.vec3),
-    u: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
-    first_face: wp.array(dtype=wp.int32),
-    offsets: wp.array(dtype=wp.vec2),
-    points: wp.array(dtype=wp.vec3),
-    faces: wp.array2d(dtype=wp.int32),
-    across: wp.array2d(dtype=wp.int32),
+    centers: Frames,
+    first_face: wp.array[wp.int32],
+    offsets: wp.array[wp.vec2],
+    mesh: Triangles,
     # output
-    face: wp.array2d(dtype=wp.int32),
-    weight: wp.array2d(dtype=wp.vec2),
+    face: wp.array2d[wp.int32],
+    weight: wp.array2d[wp.vec2],
 ):
-    """Walk from a foot straight on along every offset; -1 where the surface ends before it."""
+    """Walk from a foot straight on along every offset g, by |g| in direction g_x u + g_y v; -1 where the surface ends before.
+
+    Within a triangle barycentric coordinates change by travel * slope; across an edge the direction is unfolded.
+    """
     i = start + wp.tid()
     origin_face = first_face[i]
-    b0 = barycentric(foot[i], points[faces[origin_face, 0]], points[faces[origin_face, 1]], points[faces[origin_face, 2]])
-    # The foot is put into its triangle: normals of base and facet differ a little.
+    b0 = face_barycentric(mesh, origin_face, centers.foot[i])
+    # The foot may lie a little outside its triangle, since the normals of base and facet differ: it is moved into it.
     b0 = wp.vec3(wp.max(b0[0], 0.0), wp.max(b0[1], 0.0), wp.max(b0[2], 0.0))
     b0 = b0 / wp.max(b0[0] + b0[1] + b0[2], 1.0e-12)
-    n0 = face_normal(points, faces, origin_face)
+    n0 = face_normal(mesh, origin_face)
     for k in range(offsets.shape[0]):
         g = offsets[k]
         at = origin_face
         b = b0
         left = wp.length(g)
-        direction = g[0] * u[i] + g[1] * v[i]
+        direction = g[0] * centers.u[i] + g[1] * centers.v[i]
         direction = wp.normalize(direction - wp.dot(direction, n0) * n0)
         entered = int(-1)
         found = int(-1)
@@ -63,15 +55,15 @@ def trace_kernel(
         if wp.length_sq(n0) == 0.0:
             at = -1
         while found < 0 and at >= 0 and step < _MOST_CROSSINGS:
-            p0 = points[faces[at, 0]]
-            p1 = points[faces[at, 1]]
-            p2 = points[faces[at, 2]]
+            p0 = mesh.points[mesh.faces[at, 0]]
+            p1 = mesh.points[mesh.faces[at, 1]]
+            p2 = mesh.points[mesh.faces[at, 2]]
             n = wp.cross(p1 - p0, p2 - p0)
             area = wp.dot(n, n)
             if area == 0.0:
                 at = -1
             else:
-                # Change of the barycentric coordinates per unit of length.
+                # The barycentric coordinates' change for a unit of length along the direction.
                 slope = wp.vec3(
                     wp.dot(wp.cross(p2 - p1, direction), n) / area,
                     wp.dot(wp.cross(p0 - p2, direction), n) / area,
@@ -90,23 +82,23 @@ def trace_kernel(
                 if leave < 0:
                     found = at
                 else:
-                    # The edge that faces corner ``leave``, from corner ``leave + 1`` to ``leave + 2``.
+                    # The walk leaves through the edge opposite corner ``leave``, from corner ``leave + 1`` to ``leave + 2``.
                     edge = (leave + 1) % 3
-                    first = faces[at, edge]
-                    last = faces[at, (edge + 1) % 3]
+                    first = mesh.faces[at, edge]
+                    last = mesh.faces[at, (edge + 1) % 3]
                     share = b[(edge + 1) % 3] / wp.max(b[edge] + b[(edge + 1) % 3], 1.0e-12)
-                    beyond = across[at, edge]
+                    beyond = mesh.across[at, edge]
                     if beyond >= 0:
-                        along = wp.normalize(points[last] - points[first])
+                        along = wp.normalize(mesh.points[last] - mesh.points[first])
                         outward = wp.cross(along, wp.normalize(n))
-                        m = face_normal(points, faces, beyond)
-                        # Unfolded: what pointed out of this triangle points into the next.
+                        m = face_normal(mesh, beyond)
+                        # The triangles are unfolded about the edge: what pointed out of this one points into the next.
                         direction = wp.normalize(
                             wp.dot(direction, along) * along + wp.max(wp.dot(direction, outward), 0.0) * wp.cross(along, m)
                         )
                         b = wp.vec3(0.0, 0.0, 0.0)
                         for c in range(3):
-                            vertex = faces[beyond, c]
+                            vertex = mesh.faces[beyond, c]
                             if vertex == first:
                                 b[c] = 1.0 - share
                             elif vertex == last:
@@ -122,14 +114,14 @@ def trace_kernel(
 @wp.kernel
 def nearest_kernel(
     start: int,
-    at: wp.array(dtype=wp.vec3),
+    at: wp.array[wp.vec3],
     mesh: wp.uint64,
     reach: float,
     # output
-    face: wp.array(dtype=wp.int32),
-    weight: wp.array(dtype=wp.vec2),
+    face: wp.array[wp.int32],
+    weight: wp.array[wp.vec2],
 ):
-    """Nearest point of a mesh, as face and barycentric weights; -1 beyond ``reach``."""
+    """Write the mesh's point nearest to each position, argmin |x - at|, as face and barycentric weights; -1 beyond ``reach``."""
     i = start + wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, at[i], reach)
     face[i] = -1
@@ -167,23 +159,12 @@ def trace(
     count, grid = len(foot), len(offsets)
     face = wp.empty((count, grid), dtype=wp.int32, device=device)
     weight = wp.empty((count, grid), dtype=wp.vec2, device=device)
-
-    def vectors(a: np.ndarray, kind: type = wp.vec3) -> wp.array:
-        return wp.array(np.ascontiguousarray(a, np.float32), dtype=kind, device=device)
-
+    mesh = Triangles()
+    mesh.points, mesh.faces, mesh.across = points, faces, across
     launch(
         trace_kernel,
         count,
-        inputs=[
-            vectors(foot),
-            vectors(u),
-            vectors(v),
-            wp.array(np.ascontiguousarray(first_face, np.int32), dtype=wp.int32, device=device),
-            vectors(offsets, wp.vec2),
-            points,
-            faces,
-            across,
-        ],
+        inputs=[upload_frames(foot, u, v, device), upload(first_face, wp.int32, device), upload(offsets, wp.vec2, device), mesh],
         outputs=[face, weight],
         device=device,
     )
@@ -204,14 +185,15 @@ def nearest_on_mesh(at: np.ndarray, vertices: np.ndarray, faces: np.ndarray, dev
     """
     center = vertices.mean(axis=0)
     reach = float(np.linalg.norm(np.ptp(np.concatenate([vertices, at]), axis=0))) + 1.0
-
-    def vectors(a: np.ndarray) -> wp.array:
-        return wp.array(np.ascontiguousarray(a - center, np.float32), dtype=wp.vec3, device=device)
-
-    indices = wp.array(np.ascontiguousarray(faces, np.int32).reshape(-1), dtype=wp.int32, device=device)
-    mesh = wp.Mesh(points=vectors(vertices), indices=indices)
+    mesh = build_mesh(upload(vertices - center, wp.vec3, device), faces)
     face = wp.empty(len(at), dtype=wp.int32, device=device)
     weight = wp.zeros(len(at), dtype=wp.vec2, device=device)
-    launch(nearest_kernel, len(at), inputs=[vectors(at), mesh.id, reach], outputs=[face, weight], device=device)
+    launch(
+        nearest_kernel,
+        len(at),
+        inputs=[upload(at - center, wp.vec3, device), mesh.id, reach],
+        outputs=[face, weight],
+        device=device,
+    )
     first = weight.numpy().astype(np.float64)
     return face.numpy().copy(), np.column_stack([first, 1.0 - first.sum(axis=1)])

@@ -1,4 +1,4 @@
-"""What the searches of texture synthesis share: sixteen candidates at a time, and how they are compared."""
+"""Comparisons of sixteen candidates at a time, one in each lane of a vector, and what their costs are bounded with."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import warp as wp
 LANES = 16
 vec16 = wp.types.vector(length=LANES, dtype=wp.float32)
 
-# Above any cost of a candidate that can be taken.
+# The cost that stands for "must not be taken": it is larger than the cost of any candidate that may be.
 UNUSABLE = wp.constant(1.0e30)
 
-# What rounding may add to a sum: a factor, the same for every term, and an amount for every term of size 1. A bound on
-# costs is widened by them.
+# Costs are summed in an order that differs from kernel to kernel, so that bounds on them are widened by what rounding may add: a
+# factor for the sum, and for each of its terms a share of the sum and an amount (for terms up to 1).
 SLACK = wp.constant(1.0001)
 RELATIVE = wp.constant(1.2e-7)
 ABSOLUTE = wp.constant(1.0e-6)

@@ -8,14 +8,16 @@ outputs, results do not depend on how a launch was split.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -23,10 +25,14 @@ import warp as wp
 # Nanoseconds of work that pay for handing them to a thread.
 _WORTH_A_THREAD = 100_000
 
-_lock = threading.Lock()
+_pool_lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 _pool_size = 0
 _threads: int | None = None
+# ``_worker.now`` is set in the threads of the pool, which must not wait for one another.
+_worker = threading.local()
+# Warp compiles a module for one thread at a time.
+_load_lock = threading.Lock()
 
 
 def threads() -> int:
@@ -51,15 +57,49 @@ def set_threads(count: int | None) -> None:
     _threads = count
 
 
-def start_quietly() -> None:
-    """Start Warp without its banner and without the line by which it tells that there is no NVIDIA driver.
+_start_lock = threading.Lock()
+_started = False
 
-    That line is written by compiled code straight to file descriptor 2; anything else written there is passed on. For
-    programs, not for libraries: it holds the process' stderr for the moment of the start.
+
+def start_warp() -> None:
+    """Start Warp, which happens once; later calls return at once.
+
+    `intaglio.kernels` lowers Warp's log level when it is imported, which silences the banner. One line more, which says that
+    there is no NVIDIA driver, is written by compiled code straight to file descriptor 2. Where the driver is indeed missing,
+    that descriptor leads to a file for the moment of the start, and all but this line is then passed on.
     """
-    wp.config.log_level = wp.LOG_ERROR
-    sys.stderr.flush()
-    saved = os.dup(2)
+    global _started
+    with _start_lock:
+        if _started:
+            return
+        if wp.config.log_level <= wp.LOG_INFO or _has_cuda_driver():
+            wp.init()
+        else:
+            _start_without_driver_warning()
+        _started = True
+
+
+def _has_cuda_driver() -> bool:
+    """Return whether Warp will find the NVIDIA driver's library."""
+    for name in ("nvcuda.dll",) if sys.platform == "win32" else ("libcuda.so", "libcuda.so.1"):
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            continue
+        return True
+    return False
+
+
+def _start_without_driver_warning() -> None:
+    """Start Warp; pass on what is written to file descriptor 2 meanwhile, except that there is no driver."""
+    try:
+        saved = os.dup(2)
+    except OSError:
+        # The process runs without a standard error.
+        wp.init()
+        return
+    if sys.stderr is not None:
+        sys.stderr.flush()
     with tempfile.TemporaryFile() as caught:
         os.dup2(caught.fileno(), 2)
         try:
@@ -68,9 +108,9 @@ def start_quietly() -> None:
             os.dup2(saved, 2)
             os.close(saved)
             caught.seek(0)
-            for line in caught.read().decode(errors="replace").splitlines():
-                if "find or load the NVIDIA CUDA driver" not in line:
-                    print(line, file=sys.stderr)
+            for line in caught.read().splitlines(keepends=True):
+                if b"find or load the NVIDIA CUDA driver" not in line:
+                    os.write(2, line)
 
 
 def choose_device(device: str | None = None) -> str:
@@ -86,7 +126,7 @@ def choose_device(device: str | None = None) -> str:
     ValueError
         If there is no such device; the message lists those there are.
     """
-    wp.init()
+    start_warp()
     if device is None:
         return str(wp.get_cuda_device()) if wp.is_cuda_available() else "cpu"
     known = [str(d) for d in wp.get_devices()]
@@ -96,26 +136,60 @@ def choose_device(device: str | None = None) -> str:
     return name
 
 
-def _executor(count: int) -> ThreadPoolExecutor:
-    """Return a pool of ``count`` threads, kept between launches."""
+def upload(data: np.ndarray, dtype: Any, device: str, *, copy: bool = True) -> wp.array:
+    """Return ``data`` as an array on ``device``, converted to the numbers that ``dtype`` is made of.
+
+    Parameters
+    ----------
+    data : array
+        Where ``dtype`` is a vector or a matrix, the last axis or axes hold its components.
+    dtype : type
+        A Warp scalar, vector or matrix type.
+    device : str
+        From `choose_device`.
+    copy : bool
+        False: on the CPU the result shares the memory of ``data``, if this holds the right numbers without gaps.
+    """
+    start_warp()
+    number = wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
+    axes = len(getattr(dtype, "_shape_", ()))
+    numbers = np.ascontiguousarray(data, number)
+    return wp.array(numbers, dtype=dtype, ndim=numbers.ndim - axes, device=device, copy=copy)
+
+
+def _run_on_pool(work: Callable[[int], None], items: Sequence[int], count: int) -> list[Future[None]]:
+    """Hand all items to the pool of ``count`` threads, which is kept between calls."""
     global _pool, _pool_size
-    with _lock:
+    with _pool_lock:
         if _pool is None or _pool_size != count:
             if _pool is not None:
-                _pool.shutdown(wait=True)
-            _pool, _pool_size = ThreadPoolExecutor(count, thread_name_prefix="intaglio"), count
-        return _pool
+                # Whoever waits for work in the old pool gets it done: it ends when it has nothing left.
+                _pool.shutdown(wait=False)
+            _pool = ThreadPoolExecutor(count, thread_name_prefix="intaglio", initializer=_become_worker)
+            _pool_size = count
+        return [_pool.submit(work, item) for item in items]
+
+
+def _become_worker() -> None:
+    _worker.now = True
+
+
+def _in_worker() -> bool:
+    return getattr(_worker, "now", False)
 
 
 def run_parallel(work: Callable[[int], None], items: Iterable[int]) -> None:
-    """Call ``work(item)`` for every item, over the CPU threads; the first error is raised after all have stopped."""
+    """Call ``work(item)`` for every item, over the CPU threads; the first error is raised after all have stopped.
+
+    Within such a call, everything runs on the thread that it runs on already: threads that waited for others of the same pool
+    would wait for ever.
+    """
     items = list(items)
-    count = min(threads(), len(items))
-    if count <= 1:
+    if min(threads(), len(items)) <= 1 or _in_worker():
         for item in items:
             work(item)
         return
-    futures = [_executor(threads()).submit(work, item) for item in items]
+    futures = _run_on_pool(work, items, threads())
     try:
         for future in futures:
             future.result()
@@ -135,10 +209,12 @@ def split(count: int, parts: int) -> Iterator[tuple[int, int]]:
 
 def load(kernel: wp.Kernel, device: str) -> None:
     """Compile ``kernel``'s module before threads meet at it: compiling is not made for several at once."""
-    if device.startswith("cpu"):
-        kernel.module.load(device, block_dim=1)
-    else:
-        kernel.module.load(device)
+    start_warp()
+    with _load_lock:
+        if device.startswith("cpu"):
+            kernel.module.load(device, block_dim=1)
+        else:
+            kernel.module.load(device)
 
 
 def launch(
@@ -152,6 +228,8 @@ def launch(
     work: float | None = None,
 ) -> None:
     """Launch ``kernel`` over ``dim``, split over CPU threads along the leading dimension, or once on CUDA.
+
+    Within `run_parallel` a launch is not split.
 
     Parameters
     ----------
@@ -172,13 +250,14 @@ def launch(
     if min(shape) == 0:
         return
     if not device.startswith("cpu"):
+        start_warp()
         wp.launch(kernel, dim=shape, inputs=[0, *inputs], outputs=list(outputs), device=device)
         return
     load(kernel, device)
     if work is not None:
         grain = int(_WORTH_A_THREAD // max(work, 1)) + 1
     # More parts than threads even out rows of unequal work.
-    parts = 1 if threads() == 1 else min(4 * threads(), max(1, shape[0] // grain))
+    parts = 1 if threads() == 1 or _in_worker() else min(4 * threads(), max(1, shape[0] // grain))
     ranges = list(split(shape[0], parts))
 
     def part(index: int) -> None:
@@ -195,23 +274,42 @@ def launch(
     run_parallel(part, range(len(ranges)))
 
 
-_held = threading.local()
+_blas_lock = threading.Lock()
+_blas_users = 0
+_blas_limits: Any = None
 
 
 @contextmanager
 def single_threaded_blas() -> Iterator[None]:
     """Hold BLAS to one thread, so that products of fixed shape have the same bits whatever the machine's thread count.
 
-    Finding the loaded BLAS libraries takes a millisecond: around many small products, hold it once; inner uses are free.
+    Finding the loaded BLAS libraries takes a millisecond: around many small products, hold it once; inner uses are free. The
+    limit is the whole process': the first of all threads to enter sets it, and the last to leave restores what was there.
     """
+    global _blas_users, _blas_limits
     from threadpoolctl import threadpool_limits
 
-    if getattr(_held, "now", False):
-        yield
-        return
-    _held.now = True
+    with _blas_lock:
+        if _blas_users == 0:
+            _take_control_of_blas()
+            _blas_limits = threadpool_limits(limits=1, user_api="blas")
+        _blas_users += 1
     try:
-        with threadpool_limits(limits=1, user_api="blas"):
-            yield
+        yield
     finally:
-        _held.now = False
+        with _blas_lock:
+            _blas_users -= 1
+            if _blas_users == 0:
+                _take_control_of_blas()
+                _blas_limits.restore_original_limits()
+                _take_control_of_blas()
+                _blas_limits = None
+
+
+def _take_control_of_blas() -> None:
+    """Let any thread set OpenBLAS' limit next: newer versions of threadpoolctl ignore all but the one that set it first."""
+    from threadpoolctl import OpenBLASController
+
+    clear = getattr(OpenBLASController, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)

@@ -8,25 +8,25 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch, run_parallel, single_threaded_blas, split
+from intaglio.kernels.launch import launch, run_parallel, single_threaded_blas, split, upload
 
 wp.set_module_options({"enable_backward": False})
 
 # Pixels per matrix product.
-BLOCK = 16384
+_BLOCK = 16384
 
-# Bits of a positive float, in the order of its values: a quantile is found exactly by halving their range this often.
-BITS = 31
+# Positive floats are ordered as their 31 bits are: halving the range of these this often finds a quantile exactly.
+_BITS = wp.constant(31)
 
-# Of a scale three digits do: exponent and ten bits after it.
-SCALE_BITS = 18
+# For a scale three digits are enough: the exponent and ten bits after it.
+_SCALE_BITS = wp.constant(18)
 
-# Fewest values of a pixel that a robust fit uses, if the pixel has as many that are not black.
-FEWEST = 6
+# A robust fit keeps at least this many of a pixel's values, where so many are not black.
+_FEWEST = wp.constant(6)
 
 
 @wp.kernel
-def _weighted_sums(
+def weighted_sums_kernel(
     start: int,
     planes: wp.array2d[wp.float32],
     weights: wp.array2d[wp.float32],
@@ -44,7 +44,7 @@ def _weighted_sums(
 
 
 @wp.kernel
-def _weighted_sums_double(
+def weighted_sums_double_kernel(
     start: int,
     planes: wp.array2d[wp.float32],
     weights: wp.array2d[wp.float64],
@@ -52,7 +52,7 @@ def _weighted_sums_double(
     # output
     sums: wp.array2d[wp.float32],
 ):
-    """Write the same sums, added up in double precision."""
+    """Write sums[j, i] = max(floor, Σ_k weights[j, k] planes[k, i]) for one pixel i, added up in double precision."""
     i = start + wp.tid()
     for j in range(weights.shape[0]):
         total = wp.float64(0.0)
@@ -62,11 +62,11 @@ def _weighted_sums_double(
 
 
 @wp.func
-def _quantile(planes: wp.array2d[wp.float32], i: int, wanted: int):
+def value_quantile(planes: wp.array2d[wp.float32], i: int, wanted: int):
     """Return the ``wanted``-th smallest of column i's values over 0 (from 1 on)."""
     a = int(0)
     b = int(0x7F7FFFFF)
-    for _ in range(BITS):
+    for _ in range(_BITS):
         middle = a + (b - a) / 2
         limit = wp.cast(middle, wp.float32)
         count = int(0)
@@ -81,7 +81,7 @@ def _quantile(planes: wp.array2d[wp.float32], i: int, wanted: int):
 
 
 @wp.func
-def _residual_quantile(
+def residual_quantile(
     planes: wp.array2d[wp.float32],
     lights: wp.array[wp.vec3],
     i: int,
@@ -93,7 +93,7 @@ def _residual_quantile(
     """Return the ``wanted``-th smallest |planes[k, i] − n·l_k| among values from low to high, to three digits."""
     a = int(0)
     b = int(0x7F7FFFFF)
-    for _ in range(SCALE_BITS):
+    for _ in range(_SCALE_BITS):
         middle = a + (b - a) / 2
         limit = wp.cast(middle, wp.float32)
         count = int(0)
@@ -109,7 +109,7 @@ def _residual_quantile(
 
 
 @wp.kernel
-def _robust_normals(
+def robust_normals_kernel(
     start: int,
     planes: wp.array2d[wp.float32],
     lights: wp.array[wp.vec3],
@@ -124,7 +124,7 @@ def _robust_normals(
     """Fit planes[k, i] = n·l_k by iteratively reweighted least squares over the values between two ranks.
 
     Values at or under 0 are cast shadows and count for nothing. Of the m others the share ``dark`` of the smallest (shadows) and
-    the share ``bright`` of the largest (highlights) are left out, as long as `FEWEST` are kept. Weights are Geman and McClure's
+    the share ``bright`` of the largest (highlights) are left out, as long as `_FEWEST` are kept. Weights are Geman and McClure's
     1 / (1 + (r / s)²)², s = tuning × 1.4826 × median |r|.
     """
     i = start + wp.tid()
@@ -138,14 +138,14 @@ def _robust_normals(
     n = wp.vec3(0.0, 0.0, 0.0)
     agreeing = float(0.0)
     if lit >= 3:
-        # Ranks, from 1 on, of the smallest and the largest value kept.
+        # Ranks of the smallest and the largest value kept, counted from 1.
         first = int(dark * float(lit)) + 1
         last = lit - int(bright * float(lit))
-        while last - first + 1 < wp.min(lit, FEWEST):
+        while last - first + 1 < wp.min(lit, _FEWEST):
             first = wp.max(first - 1, 1)
             last = wp.min(last + 1, lit)
-        low = _quantile(planes, i, first)
-        high = _quantile(planes, i, last)
+        low = value_quantile(planes, i, first)
+        high = value_quantile(planes, i, last)
         kept = int(0)
         for k in range(count):
             if planes[k, i] >= low and planes[k, i] <= high:
@@ -165,15 +165,15 @@ def _robust_normals(
                     normal += weight * wp.outer(lights[k], lights[k])
                     moment += weight * value * lights[k]
                     agreeing += weight
-            # Lights left for this pixel may lie in one plane: a trace of the unit matrix keeps the answer finite.
-            normal += 1.0e-6 * wp.trace(normal) * wp.identity(n=3, dtype=float)
+            # The lights left for this pixel may lie in one plane: a little of the unit matrix keeps the answer finite.
+            normal += 1.0e-6 * wp.trace(normal) * wp.identity(n=3, dtype=wp.float32)
             before = n
             n = wp.inverse(normal) * moment
             if step > 1 and wp.length(n - before) < 1.0e-5 * wp.length(n):
                 break
-            median = _residual_quantile(planes, lights, i, n, low, high, (kept + 1) / 2)
+            median = residual_quantile(planes, lights, i, n, low, high, (kept + 1) / 2)
             s = tuning * 1.4826 * median + 1.0e-6 * high + 1.0e-30
-        if lit < FEWEST:
+        if lit < _FEWEST:
             agreeing = float(0.0)
     scaled[i] = n
     confidence[i] = agreeing / float(count)
@@ -217,13 +217,16 @@ def weighted_sums(
     weights = np.ascontiguousarray(weights, np.float64 if double else np.float32)
     result = np.empty((len(weights), planes.shape[1]), np.float32) if out is None else out
     if not device.startswith("cpu") and not add:
-        on_device = wp.array(np.ascontiguousarray(planes), dtype=wp.float32, device=device)
         kind = wp.float64 if double else wp.float32
         sums = wp.empty(result.shape, dtype=wp.float32, device=device)
         launch(
-            _weighted_sums_double if double else _weighted_sums,
+            weighted_sums_double_kernel if double else weighted_sums_kernel,
             planes.shape[1],
-            inputs=[on_device, wp.array(weights, dtype=kind, device=device), float(-np.inf if floor is None else floor)],
+            inputs=[
+                upload(planes, wp.float32, device),
+                upload(weights, kind, device),
+                float(-np.inf if floor is None else floor),
+            ],
             outputs=[sums],
             device=device,
         )
@@ -231,7 +234,7 @@ def weighted_sums(
         return result
 
     def block(start: int) -> None:
-        part = slice(start, start + BLOCK)
+        part = slice(start, start + _BLOCK)
         if add:
             result[:, part] += (weights @ planes[:, part]).astype(np.float32, copy=False)
         elif double:
@@ -243,9 +246,9 @@ def weighted_sums(
 
     def blocks(index: int) -> None:
         for start in range(*ranges[index], 1):
-            block(start * BLOCK)
+            block(start * _BLOCK)
 
-    ranges = list(split(-(-planes.shape[1] // BLOCK), 16))
+    ranges = list(split(-(-planes.shape[1] // _BLOCK), 16))
     with single_threaded_blas():
         run_parallel(blocks, range(len(ranges)))
     return result
@@ -253,13 +256,13 @@ def weighted_sums(
 
 def products(planes: np.ndarray) -> np.ndarray:
     """Return the (K, K) float64 matrix of inner products of the rows of ``planes`` (K, P)."""
-    ranges = list(split(-(-planes.shape[1] // BLOCK), 64))
+    ranges = list(split(-(-planes.shape[1] // _BLOCK), 64))
     parts: list[np.ndarray] = [np.zeros(0)] * len(ranges)
 
     def block(index: int) -> None:
         total = np.zeros((len(planes), len(planes)))
         for b in range(*ranges[index]):
-            part = planes[:, b * BLOCK : (b + 1) * BLOCK].astype(np.float64)
+            part = planes[:, b * _BLOCK : (b + 1) * _BLOCK].astype(np.float64)
             total += part @ part.T
         parts[index] = total
 
@@ -299,18 +302,18 @@ def robust_normals(
     scaled : (P, 3) float32 array
         Normals times albedo.
     confidence : (P,) float32 array
-        Sum of the final weights over K: the share of the lights that Lambert's law explains. 0 where fewer than `FEWEST` values
+        Sum of the final weights over K: the share of the lights that Lambert's law explains. 0 where fewer than `_FEWEST` values
         are over 0.
     """
     count = planes.shape[1]
     scaled = wp.empty(count, dtype=wp.vec3, device=device)
     confidence = wp.empty(count, dtype=wp.float32, device=device)
     launch(
-        _robust_normals,
+        robust_normals_kernel,
         count,
         inputs=[
-            wp.array(np.ascontiguousarray(planes, np.float32), dtype=wp.float32, device=device, copy=False),
-            wp.array(np.ascontiguousarray(lights, np.float32), dtype=wp.vec3, device=device),
+            upload(planes, wp.float32, device, copy=False),
+            upload(lights, wp.vec3, device),
             float(dark),
             float(bright),
             float(tuning),

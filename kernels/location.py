@@ -9,15 +9,17 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.meshes import Frames, Triangles, build_mesh, face_barycentric, upload_frames
 
 wp.set_module_options({"enable_backward": False})
 
 _MOST_STEPS = wp.constant(96)
-# Barycentric slack: neighbouring facets of a curved base leave gaps of this order between their normal prisms. Within it
-# heights are extrapolated, so that linear ones stay exact.
+# A point belongs to a triangle whose barycentric coordinates of it are all above this: the prisms over neighbouring facets of a
+# curved base, along their normals, leave gaps of this order. Heights are extrapolated there, so that linear ones stay exact.
 _SLACK = wp.constant(-2.0e-3)
-# A point on an edge or corner, up to rounding, needs only that edge's or corner's vertices.
+# A grid point is known where its textured corners have this share of the weight: on an edge or a corner, up to rounding, those of
+# the edge or the corner are enough.
 _TEXTURED_SHARE = wp.constant(0.999)
 
 
@@ -52,18 +54,31 @@ def polar_grid(window: int, rotations: int) -> tuple[np.ndarray, np.ndarray, np.
     return np.array(points, np.float32), np.array(ring, np.int32), np.concatenate(permutation, axis=1)
 
 
+@wp.struct
+class BaseModel:
+    """A base: 0 plane, 1 cylinder, 2 sphere; a point of the axis or the centre, the unit axis, the radius."""
+
+    kind: int
+    origin: wp.vec3
+    axis: wp.vec3
+    radius: float
+
+
 @wp.func
-def exponential_map(kind: int, origin: wp.vec3, axis: wp.vec3, radius: float, foot: wp.vec3, tangent: wp.vec3) -> wp.vec3:
-    """Point of the base (0 plane, 1 cylinder, 2 sphere) reached by the geodesic from ``foot`` along ``tangent``."""
+def exponential_map(base: BaseModel, foot: wp.vec3, tangent: wp.vec3) -> wp.vec3:
+    """Return the base's point exp_foot(tangent), at the end of the geodesic that begins at ``foot`` along ``tangent``."""
+    origin = base.origin
+    axis = base.axis
+    radius = base.radius
     point = foot + tangent
-    if kind == 1:
+    if base.kind == 1:
         relative = foot - origin
         along = wp.dot(relative, axis)
         outward = wp.normalize(relative - along * axis)
         around = wp.cross(axis, outward)
         angle = wp.dot(tangent, around) / radius
         point = origin + (along + wp.dot(tangent, axis)) * axis + radius * (wp.cos(angle) * outward + wp.sin(angle) * around)
-    if kind == 2:
+    if base.kind == 2:
         length = wp.length(tangent)
         if length > 0.0:
             angle = length / radius
@@ -71,52 +86,35 @@ def exponential_map(kind: int, origin: wp.vec3, axis: wp.vec3, radius: float, fo
     return point
 
 
-@wp.func
-def barycentric(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """Barycentric coordinates of ``p`` seen along the normal of triangle (a, b, c); (-1e9, ..) where it has no area."""
-    n = wp.cross(b - a, c - a)
-    area = wp.dot(n, n)
-    result = wp.vec3(-1.0e9, -1.0e9, -1.0e9)
-    if area > 0.0:
-        u = wp.dot(wp.cross(c - b, p - b), n) / area
-        v = wp.dot(wp.cross(a - c, p - c), n) / area
-        result = wp.vec3(u, v, 1.0 - u - v)
-    return result
-
-
 @wp.kernel
 def locate_kernel(
     start: int,
-    foot: wp.array(dtype=wp.vec3),
-    u: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
-    first_face: wp.array(dtype=wp.int32),
-    offsets: wp.array(dtype=wp.vec2),
-    kind: int,
-    origin: wp.vec3,
-    axis: wp.vec3,
-    radius: float,
-    points: wp.array(dtype=wp.vec3),
-    faces: wp.array2d(dtype=wp.int32),
-    across: wp.array2d(dtype=wp.int32),
+    centers: Frames,
+    first_face: wp.array[wp.int32],
+    offsets: wp.array[wp.vec2],
+    base: BaseModel,
+    triangles: Triangles,
     mesh: wp.uint64,
     reach: float,
     # output
-    face: wp.array2d(dtype=wp.int32),
-    weight: wp.array2d(dtype=wp.vec2),
+    face: wp.array2d[wp.int32],
+    weight: wp.array2d[wp.vec2],
 ):
-    """Find every grid point of one vertex by walking from triangle to triangle; -1 where the base ends before it."""
+    """Find the triangle that holds exp_foot(g_x u + g_y v) for every grid point g of one vertex; -1 where the base ends before.
+
+    The walk goes from triangle to triangle, from the one of the grid point before.
+    """
     i = start + wp.tid()
     here = first_face[i]
     for k in range(offsets.shape[0]):
         g = offsets[k]
-        p = exponential_map(kind, origin, axis, radius, foot[i], g[0] * u[i] + g[1] * v[i])
+        p = exponential_map(base, centers.foot[i], g[0] * centers.u[i] + g[1] * centers.v[i])
         at = here
         found = int(-1)
         b = wp.vec3(0.0, 0.0, 0.0)
         step = int(0)
         while at >= 0 and step < _MOST_STEPS:
-            b = barycentric(p, points[faces[at, 0]], points[faces[at, 1]], points[faces[at, 2]])
+            b = face_barycentric(triangles, at, p)
             low = wp.min(b)
             if low >= _SLACK:
                 found = at
@@ -124,14 +122,14 @@ def locate_kernel(
             else:
                 # Leave through the edge that faces the most negative corner.
                 if b[0] == low:
-                    at = across[at, 1]
+                    at = triangles.across[at, 1]
                 elif b[1] == low:
-                    at = across[at, 2]
+                    at = triangles.across[at, 2]
                 else:
-                    at = across[at, 0]
+                    at = triangles.across[at, 0]
             step = step + 1
         if found < 0:
-            # The straight walk met a border or went in a circle; the point may still lie beyond it.
+            # The straight walk met a border or went in a circle. The point may lie beyond that: the nearest triangle is asked.
             query = wp.mesh_query_point_no_sign(mesh, p, reach)
             if query.result:
                 found = query.face
@@ -145,17 +143,20 @@ def locate_kernel(
 @wp.kernel
 def gather_kernel(
     start: int,
-    rows: wp.array(dtype=wp.int32),
-    face: wp.array2d(dtype=wp.int32),
-    weight: wp.array2d(dtype=wp.vec2),
-    faces: wp.array2d(dtype=wp.int32),
-    height: wp.array(dtype=float),
-    textured: wp.array(dtype=wp.uint8),
+    rows: wp.array[wp.int32],
+    face: wp.array2d[wp.int32],
+    weight: wp.array2d[wp.vec2],
+    faces: wp.array2d[wp.int32],
+    height: wp.array[wp.float32],
+    textured: wp.array[wp.uint8],
     # output
-    value: wp.array2d(dtype=float),
-    known: wp.array2d(dtype=float),
+    value: wp.array2d[wp.float32],
+    known: wp.array2d[wp.float32],
 ):
-    """Interpolate heights at the located grid points; known (1 or 0) where textured corners carry the whole weight."""
+    """Write Σ w_i h_i / Σ w_i over the textured corners of the triangle at each grid point, and whether it is known.
+
+    It is known (1, else 0) where the textured corners carry the whole weight.
+    """
     i = start + wp.tid()
     row = rows[i]
     for k in range(face.shape[1]):
@@ -205,12 +206,15 @@ class GridLocator:
         device: str,
     ) -> None:
         self.device = device
-        self.points = wp.array(points.astype(np.float32), dtype=wp.vec3, device=device)
-        self.faces = wp.array(np.ascontiguousarray(faces, np.int32), dtype=wp.int32, ndim=2, device=device)
-        self.across = wp.array(np.ascontiguousarray(across, np.int32), dtype=wp.int32, ndim=2, device=device)
-        self.model = (int(kind), wp.vec3(*map(float, origin)), wp.vec3(*map(float, axis)), float(radius))
-        indices = wp.array(np.ascontiguousarray(faces, np.int32).reshape(-1), dtype=wp.int32, device=device)
-        self.mesh = wp.Mesh(points=self.points, indices=indices)
+        self.points = upload(points, wp.vec3, device)
+        self.faces = upload(faces, wp.int32, device)
+        self.across = upload(across, wp.int32, device)
+        self._triangles = Triangles()
+        self._triangles.points, self._triangles.faces, self._triangles.across = self.points, self.faces, self.across
+        self._base = BaseModel()
+        self._base.kind, self._base.radius = int(kind), float(radius)
+        self._base.origin, self._base.axis = wp.vec3(*map(float, origin)), wp.vec3(*map(float, axis))
+        self.mesh = build_mesh(self.points, faces)
 
     def locate(
         self, foot: np.ndarray, u: np.ndarray, v: np.ndarray, first_face: np.ndarray, offsets: np.ndarray, reach: float
@@ -231,23 +235,15 @@ class GridLocator:
         count, grid = len(foot), len(offsets)
         face = wp.empty((count, grid), dtype=wp.int32, device=self.device)
         weight = wp.empty((count, grid), dtype=wp.vec2, device=self.device)
-
-        def vectors(a: np.ndarray) -> wp.array:
-            return wp.array(np.ascontiguousarray(a, np.float32), dtype=wp.vec3, device=self.device)
-
         launch(
             locate_kernel,
             count,
             inputs=[
-                vectors(foot),
-                vectors(u),
-                vectors(v),
-                wp.array(np.ascontiguousarray(first_face, np.int32), dtype=wp.int32, device=self.device),
-                wp.array(np.ascontiguousarray(offsets, np.float32), dtype=wp.vec2, device=self.device),
-                *self.model,
-                self.points,
-                self.faces,
-                self.across,
+                upload_frames(foot, u, v, self.device),
+                upload(first_face, wp.int32, self.device),
+                upload(offsets, wp.vec2, self.device),
+                self._base,
+                self._triangles,
                 self.mesh.id,
                 float(reach),
             ],
@@ -266,13 +262,12 @@ class GridLocator:
         """Return interpolated heights and known flags, both (len(rows), G) float32, at rows of ``located``."""
         face, weight = located
         shape = (len(rows), face.shape[1])
-        value = wp.empty(shape, dtype=float, device=self.device)
-        known = wp.empty(shape, dtype=float, device=self.device)
-        index = wp.array(np.ascontiguousarray(rows, np.int32), dtype=wp.int32, device=self.device)
+        value = wp.empty(shape, dtype=wp.float32, device=self.device)
+        known = wp.empty(shape, dtype=wp.float32, device=self.device)
         launch(
             gather_kernel,
             len(rows),
-            inputs=[index, face, weight, self.faces, height, textured],
+            inputs=[upload(rows, wp.int32, self.device), face, weight, self.faces, height, textured],
             outputs=[value, known],
             device=self.device,
         )
@@ -282,16 +277,16 @@ class GridLocator:
 @wp.kernel
 def height_above_kernel(
     start: int,
-    foot: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
+    foot: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
     mesh: wp.uint64,
     reach: float,
     # output
-    height: wp.array(dtype=float),
+    height: wp.array[wp.float32],
 ):
-    """Signed distance along the normal from a base point to the nearest crossing of a mesh; NaN where there is none."""
+    """Write h where foot + h normal is the crossing of the mesh that is nearest to the foot; NaN where there is none."""
     i = start + wp.tid()
-    # Both rays start a little behind the foot: a surface that runs through it would slip between them.
+    # Both rays start a little behind the foot, since a surface that runs through the foot would slip between them.
     back = 0.01 * reach
     up = wp.mesh_query_ray(mesh, foot[i] - back * normal[i], normal[i], reach + back)
     down = wp.mesh_query_ray(mesh, foot[i] + back * normal[i], -normal[i], reach + back)
@@ -320,17 +315,12 @@ def height_above(
         From `choose_device`.
     """
     center = vertices.mean(axis=0)
-
-    def vectors(a: np.ndarray) -> wp.array:
-        return wp.array(np.ascontiguousarray(a, np.float32), dtype=wp.vec3, device=device)
-
-    indices = wp.array(np.ascontiguousarray(faces, np.int32).reshape(-1), dtype=wp.int32, device=device)
-    mesh = wp.Mesh(points=vectors(vertices - center), indices=indices)
-    height = wp.empty(len(foot), dtype=float, device=device)
+    mesh = build_mesh(upload(vertices - center, wp.vec3, device), faces)
+    height = wp.empty(len(foot), dtype=wp.float32, device=device)
     launch(
         height_above_kernel,
         len(foot),
-        inputs=[vectors(foot - center), vectors(normal), mesh.id, float(reach)],
+        inputs=[upload(foot - center, wp.vec3, device), upload(normal, wp.vec3, device), mesh.id, float(reach)],
         outputs=[height],
         device=device,
     )

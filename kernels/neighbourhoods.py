@@ -11,7 +11,7 @@ the blocked Warp kernel below or, on a CPU, by two matrix products (BLAS) from
 
 The expansion cancels where costs are small, so both engines give only a short list, which is compared again in the direct
 form in double precision: the choice near the best does not depend on the engine. (A choice among the best percents goes by the
-engine's own rank.)
+engine's own costs.)
 """
 
 from __future__ import annotations
@@ -22,53 +22,51 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch, load, run_parallel, single_threaded_blas
+from intaglio.kernels.lanes import LANES, squared_terms, vec16
+from intaglio.kernels.launch import launch, load, run_parallel, single_threaded_blas, upload
 from intaglio.kernels.selection import SHORTLIST, block_minimum_kernel, pick_by_rank, select_near_best
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = 16
-vec16 = wp.types.vector(length=LANES, dtype=wp.float32)
-
-# What a missing grid point costs, on heights scaled to unit variance; far above any real difference, far below overflow.
+# The height that stands in for a missing grid point, where heights have unit variance: far above any real difference, and with a
+# square that is far below overflow.
 MISSING = 1.0e9
 
 
 @wp.kernel
 def ssd_kernel(
     start: int,
-    value: wp.array2d(dtype=float),
-    weight: wp.array2d(dtype=float),
-    permutation: wp.array2d(dtype=wp.int32),
-    blocks: wp.array2d(dtype=vec16),
+    value: wp.array2d[wp.float32],
+    weight: wp.array2d[wp.float32],
+    permutation: wp.array2d[wp.int32],
+    blocks: wp.array2d[vec16],
     # output
-    cost: wp.array3d(dtype=vec16),
+    cost: wp.array3d[vec16],
 ):
-    """Cost of 16 candidates at once: target t, rotation q, block b of samples, in the direct form."""
+    """Write Σ_k w_k (x_k - y_perm(q, k))² of target t, rotation q and the 16 samples of block b at once."""
     i, q, b = wp.tid()
     t = start + i
     total = vec16()
     for k in range(value.shape[1]):
         w = weight[t, k]
         if w > 0.0:
-            d = blocks[b, permutation[q, k]] - vec16(value[t, k])
-            total += w * wp.cw_mul(d, d)
+            total += w * squared_terms(blocks[b, permutation[q, k]], value[t, k])
     cost[t, q, b] = total
 
 
 @wp.kernel
 def recheck_kernel(
     start: int,
-    value: wp.array2d(dtype=float),
-    weight: wp.array2d(dtype=float),
-    permutation: wp.array2d(dtype=wp.int32),
-    sample: wp.array2d(dtype=float),
-    shortlist: wp.array2d(dtype=wp.int32),
-    count: wp.array(dtype=wp.int32),
+    value: wp.array2d[wp.float32],
+    weight: wp.array2d[wp.float32],
+    permutation: wp.array2d[wp.int32],
+    sample: wp.array2d[wp.float32],
+    shortlist: wp.array2d[wp.int32],
+    count: wp.array[wp.int32],
     # output
-    cost: wp.array2d(dtype=wp.float64),
+    cost: wp.array2d[wp.float64],
 ):
-    """Cost of every listed candidate in the direct form, in double precision."""
+    """Write Σ_k w_k (x_k - y_perm(q, k))² of every listed candidate, in double precision; 1e30 beyond the list's end."""
     i, j = wp.tid()
     t = start + i
     total = wp.float64(1.0e30)
@@ -132,12 +130,12 @@ class NeighbourhoodMatcher:
         self.samples, self.grid = value.shape
         self.rotations = len(permutation)
         self._permutation_host = np.ascontiguousarray(permutation, np.int32)
-        self._permutation = wp.array(self._permutation_host, dtype=wp.int32, device=device)
+        self._permutation = upload(permutation, wp.int32, device)
         exists = known > 0
         filled = np.where(exists, value, np.float32(MISSING)).astype(np.float32)
-        self._sample = wp.array(filled, dtype=float, device=device)
+        self._sample = upload(filled, wp.float32, device)
         if self.engine == "blas":
-            # [y^2, y] side by side: the two products are one.
+            # y^2 and y stand side by side, so that one product does for both.
             self._products = np.empty((self.samples, 2 * self.grid), np.float32)
             self._products[:, : self.grid] = np.where(exists, value * value, np.float32(MISSING) ** 2)
             self._products[:, self.grid :] = np.where(exists, value, 0)
@@ -145,10 +143,10 @@ class NeighbourhoodMatcher:
             padded = -self.samples % LANES
             rows = np.concatenate([filled, np.full((padded, self.grid), MISSING, np.float32)])
             blocked = rows.reshape(-1, LANES, self.grid).transpose(0, 2, 1)
-            self._blocks = wp.array(np.ascontiguousarray(blocked), dtype=vec16, device=device)
-        # Columns of a cost table per rotation: the samples, padded to whole blocks by the Warp engine.
+            self._blocks = upload(blocked, vec16, device)
+        # A table of costs has this many columns for each rotation: one per sample, which the Warp engine pads to whole blocks.
         self._stride = self.samples if self.engine == "blas" else len(blocked) * LANES
-        # What rounding in the expansion can hide, in units of the variance.
+        # The largest height, which the rounding errors of the expansion grow with.
         self._largest = float(np.abs(value[exists]).max()) if exists.any() else 1.0
         self._buffers = threading.local()
 
@@ -158,7 +156,7 @@ class NeighbourhoodMatcher:
         row = self.rotations * self.samples
         if not self.device.startswith("cpu"):
             return int(np.clip(256_000_000 // row, 1, 4096))
-        # A table of costs that stays in the caches.
+        # The table of costs stays in the processor's caches.
         return int(np.clip(4_000_000 // row, 1, max(1, 192 // self.rotations)))
 
     def match(self, value: np.ndarray, weight: np.ndarray, factor: float = 1.1) -> Matches:
@@ -186,7 +184,7 @@ class NeighbourhoodMatcher:
             slack = self._slack(value[rows], weight[rows])
             select_near_best(
                 cost, slack, factor, shortlist[rows], listed[rows],
-                split=self.engine == "warp", stride=self._stride, samples=self.samples,
+                stride=self._stride, samples=self.samples,
             )  # fmt: skip
 
         chunks = range(-(-count // at_once))
@@ -228,21 +226,18 @@ class NeighbourhoodMatcher:
             recheck_kernel,
             candidate.shape,
             inputs=[
-                self._array(value, float),
-                self._array(weight, float),
+                upload(value, wp.float32, self.device, copy=False),
+                upload(weight, wp.float32, self.device, copy=False),
                 self._permutation,
                 self._sample,
-                self._array(candidate, wp.int32),
-                self._array(count, wp.int32),
+                upload(candidate, wp.int32, self.device, copy=False),
+                upload(count, wp.int32, self.device, copy=False),
             ],
             outputs=[cost],
             device=self.device,
             grain=4,
         )
         return cost.numpy()
-
-    def _array(self, data: np.ndarray, dtype: type) -> wp.array:
-        return wp.array(data, dtype=dtype, device=self.device, copy=not self.device.startswith("cpu"))
 
     def _slack(self, value: np.ndarray, weight: np.ndarray) -> np.ndarray:
         scale = (weight * value**2).sum(axis=1) + self._largest**2
@@ -257,12 +252,17 @@ class NeighbourhoodMatcher:
             launch(
                 ssd_kernel,
                 (count, self.rotations, blocks),
-                inputs=[self._array(value, float), self._array(weight, float), self._permutation, self._blocks],
+                inputs=[
+                    upload(value, wp.float32, self.device, copy=False),
+                    upload(weight, wp.float32, self.device, copy=False),
+                    self._permutation,
+                    self._blocks,
+                ],
                 outputs=[cost],
                 device=self.device,
                 grain=1,
             )
-            # Padded candidates cost as much as missing ones: they are never viable, and needn't be cut off.
+            # Padded candidates cost as much as those that lack a point: they are never viable, and are left in.
             return cost.view(wp.float32).reshape((count, -1))
         rows = count * self.rotations
         left = np.zeros((count, self.rotations, 2 * self.grid), np.float32)
@@ -273,7 +273,7 @@ class NeighbourhoodMatcher:
         np.matmul(left.reshape(rows, -1), self._products.T, out=out)
         out = out.reshape(count, -1)
         out += (weight * value**2).sum(axis=1, dtype=np.float32)[:, None]
-        return wp.array(out, dtype=float, device=self.device, copy=False)
+        return wp.array(out, dtype=wp.float32, device=self.device, copy=False)
 
     def _buffer(self, size: int) -> np.ndarray:
         held = getattr(self._buffers, "cost", None)

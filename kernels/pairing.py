@@ -1,8 +1,9 @@
-"""Pairs of points of two surfaces that are to be made one: costs, coherence and the greedy choice.
+"""Pairs of points of two surfaces that are to be joined: costs, coherence and the greedy choice.
 
 Duranleau & Poulin, section 5.2. Every target lists the eight sources that cost it least, all targets at once; then the
-targets of a patch choose in order, each the first of its list that is still free. That is the paper's greedy choice, as
-costs of one round depend on the pairs of the round before only; a target all of whose eight are taken goes without.
+targets of a patch choose in order, each the first of its list that is still free. This is Duranleau & Poulin's greedy
+choice, since the costs of one round depend on the pairs of the round before only. A target all of whose eight sources are taken
+stays without one.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 from intaglio.kernels.point_surface import PointSurface
+from intaglio.kernels.points import PointGrid
 
 wp.set_module_options({"enable_backward": False})
 
@@ -39,17 +41,17 @@ class PairWeights:
 @wp.kernel
 def coherence_kernel(
     start: int,
-    first: wp.array(dtype=wp.int32),
-    group: wp.array(dtype=wp.int32),
-    targets: wp.array(dtype=wp.vec3),
-    sources: wp.array(dtype=wp.vec3),
-    pair: wp.array(dtype=wp.int32),
+    first: wp.array[wp.int32],
+    group: wp.array[wp.int32],
+    targets: wp.array[wp.vec3],
+    sources: wp.array[wp.vec3],
+    pair: wp.array[wp.int32],
     weights: PairWeights,
     # output
-    length: wp.array(dtype=float),
-    direction: wp.array(dtype=wp.vec3),
+    length: wp.array[wp.float32],
+    direction: wp.array[wp.vec3],
 ):
-    """f_l and f_d: mean length and direction of the pairs near a target, weighted by a Gaussian of distance."""
+    """Write f_l and f_d: mean length and direction of the pairs near a target q, weighted by exp(-|q - t_k|² / 2 radius²)."""
     i = start + wp.tid()
     q = targets[i]
     g = group[i]
@@ -72,29 +74,31 @@ def coherence_kernel(
 
 @wp.func
 def precedes(cost: float, index: int, other_cost: float, other: int):
-    """Whether a source comes first: equal costs are told apart by the index, whatever the order of the visit."""
+    """Return whether a source comes before another: by cost, then by index, so that the order of the visit does not matter."""
     return cost < other_cost or (cost == other_cost and index < other)
 
 
 @wp.kernel
 def list_sources_kernel(
     start: int,
-    grid: wp.uint64,
-    sources: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    variation: wp.array(dtype=float),
-    targets: wp.array(dtype=wp.vec3),
-    target_normals: wp.array(dtype=wp.vec3),
-    target_variation: wp.array(dtype=float),
+    surface: PointGrid,
+    variation: wp.array[wp.float32],
+    targets: wp.array[wp.vec3],
+    target_normals: wp.array[wp.vec3],
+    target_variation: wp.array[wp.float32],
     weights: PairWeights,
     coherent: int,
-    length: wp.array(dtype=float),
-    direction: wp.array(dtype=wp.vec3),
+    length: wp.array[wp.float32],
+    direction: wp.array[wp.vec3],
     # output
-    listed: wp.array2d(dtype=wp.int32),
-    cost: wp.array2d(dtype=float),
+    listed: wp.array2d[wp.int32],
+    cost: wp.array2d[wp.float32],
 ):
-    """The sources that cost a target least: c of equation 2, and g if ``coherent``; -1 where fewer are allowed."""
+    """List the eight sources that cost a target least, best first, -1 where fewer are allowed.
+
+    c = ω_p |p - q| + ω_n (1 - n_p . n_q) / 2 + ω_v (v_p - v_q)² of equation 2, and if ``coherent``
+    + ω_l ||p - q| - f_l| + ω_d (1 - cos(p - q, f_d)) / 2.
+    """
     i = start + wp.tid()
     q = targets[i]
     n = target_normals[i]
@@ -103,10 +107,10 @@ def list_sources_kernel(
         listed[i, k] = -1
         cost[i, k] = float(3.0e38)
     reach = weights.most_position * weights.unit
-    for j in wp.hash_grid_query(grid, q, reach, 0):
-        d = (sources[j] - q) / weights.unit
+    for j in wp.hash_grid_query(surface.grid, q, reach, 0):
+        d = (surface.points[j] - q) / weights.unit
         r = wp.length(d)
-        turned = 0.5 * (1.0 - wp.dot(normals[j], n))
+        turned = 0.5 * (1.0 - wp.dot(surface.normals[j], n))
         varied = variation[j] - v
         varied = varied * varied
         if r <= weights.most_position:
@@ -129,12 +133,12 @@ def list_sources_kernel(
 @wp.kernel
 def choose_pairs_kernel(
     start: int,
-    first: wp.array(dtype=wp.int32),
-    listed: wp.array2d(dtype=wp.int32),
+    first: wp.array[wp.int32],
+    listed: wp.array2d[wp.int32],
     # output
-    pair: wp.array(dtype=wp.int32),
+    pair: wp.array[wp.int32],
 ):
-    """Targets of a patch choose in order, each the first of its list that none before it has chosen."""
+    """Let the targets of a patch choose in order, each the first source of its list that none before it has chosen."""
     g = start + wp.tid()
     for i in range(first[g], first[g + 1]):
         chosen = int(-1)
@@ -187,7 +191,7 @@ class PairCosts:
 
 @dataclass(frozen=True)
 class Targets:
-    """Points of several patches, sorted by patch, that sources are looked for; in the sources' coordinates.
+    """Points of several patches, sorted by patch, each of which is to be paired with a source; in the sources' coordinates.
 
     Attributes
     ----------
@@ -228,35 +232,35 @@ def pair_points(
     if not count or not len(surface):
         return np.full(count, -1)
     weights = costs.on_device()
-    first = wp.array(np.ascontiguousarray(targets.first, np.int32), dtype=wp.int32, device=device)
-    groups = np.repeat(np.arange(len(targets.first) - 1), np.diff(targets.first)).astype(np.int32)
-    group = wp.array(groups, dtype=wp.int32, device=device)
-    points = wp.array(np.ascontiguousarray(targets.points, np.float32), dtype=wp.vec3, device=device)
-    normals = wp.array(np.ascontiguousarray(targets.normals, np.float32), dtype=wp.vec3, device=device)
-    bent = wp.array(np.ascontiguousarray(targets.variation, np.float32), dtype=float, device=device)
-    sources_bent = wp.array(np.ascontiguousarray(variation, np.float32)[surface.order], dtype=float, device=device)
+    first = upload(targets.first, wp.int32, device)
+    group = upload(np.repeat(np.arange(len(targets.first) - 1), np.diff(targets.first)), wp.int32, device)
+    points = upload(targets.points, wp.vec3, device)
+    normals = upload(targets.normals, wp.vec3, device)
+    bent = upload(targets.variation, wp.float32, device)
+    sources_bent = upload(np.asarray(variation)[surface.order], wp.float32, device)
     listed = wp.empty((count, _LISTED), dtype=wp.int32, device=device)
-    cost = wp.empty((count, _LISTED), dtype=float, device=device)
+    cost = wp.empty((count, _LISTED), dtype=wp.float32, device=device)
     pair = wp.full(count, -1, dtype=wp.int32, device=device)
-    near = wp.zeros(count, dtype=float, device=device)
+    near = wp.zeros(count, dtype=wp.float32, device=device)
     toward = wp.zeros(count, dtype=wp.vec3, device=device)
     for turn in range(rounds + 1):
         if turn:
             launch(
-                coherence_kernel, count, [first, group, points, surface.points, pair, weights], [near, toward],
-                device=device, work=10 * count / max(len(targets.first) - 1, 1),
-            )  # fmt: skip
+                coherence_kernel,
+                count,
+                inputs=[first, group, points, surface.points, pair, weights],
+                outputs=[near, toward],
+                device=device,
+                work=10 * count / max(len(targets.first) - 1, 1),
+            )
         launch(
             list_sources_kernel,
             count,
-            [
-                surface.grid, surface.points, surface.normals, sources_bent, points, normals, bent, weights,
-                int(turn > 0), near, toward,
-            ],
-            [listed, cost],
+            inputs=[surface.point_grid, sources_bent, points, normals, bent, weights, int(turn > 0), near, toward],
+            outputs=[listed, cost],
             device=device,
             work=5000,
-        )  # fmt: skip
-        launch(choose_pairs_kernel, len(targets.first) - 1, [first, listed], [pair], device=device, work=20000)
+        )
+        launch(choose_pairs_kernel, len(targets.first) - 1, inputs=[first, listed], outputs=[pair], device=device, work=20000)
     chosen = pair.numpy()
     return np.where(chosen >= 0, surface.order[np.maximum(chosen, 0)], -1)

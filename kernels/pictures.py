@@ -7,18 +7,30 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from intaglio.kernels.launch import upload
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Pyramid:
+    """A picture's pyramid: its pixels level by level, the finest first, and every level's first pixel, width and height."""
+
+    values: wp.array[wp.vec3]
+    levels: wp.array2d[wp.int32]
+
 
 @wp.func
-def fetch(picture: wp.array(dtype=wp.vec3), offset: int, width: int, height: int, x: int, y: int) -> wp.vec3:
-    """Pixel of one level of the picture's pyramid; the border's value beyond it."""
+def fetch(picture: Pyramid, offset: int, width: int, height: int, x: int, y: int) -> wp.vec3:
+    """Return a pixel of one level of the picture's pyramid; the border's value beyond it."""
     column = wp.min(wp.max(x, 0), width - 1)
     row = wp.min(wp.max(y, 0), height - 1)
-    return picture[offset + row * width + column]
+    return picture.values[offset + row * width + column]
 
 
 @wp.func
-def bilinear(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), level: int, x: float, y: float) -> wp.vec3:
-    """Bilinear sample of one level at finest-level coordinates (x, y)."""
+def bilinear(picture: Pyramid, level: int, x: float, y: float) -> wp.vec3:
+    """Return the bilinear sample of one level at finest-level coordinates (x, y)."""
     scale = 1.0 / float(1 << level)
     # Pixel centres of level 0 are at whole numbers; those of a level of side 2^l average them.
     sx = (x + 0.5) * scale - 0.5
@@ -27,9 +39,9 @@ def bilinear(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32
     fy = wp.floor(sy)
     ax = sx - fx
     ay = sy - fy
-    offset = levels[level, 0]
-    w = levels[level, 1]
-    h = levels[level, 2]
+    offset = picture.levels[level, 0]
+    w = picture.levels[level, 1]
+    h = picture.levels[level, 2]
     ix = int(fx)
     iy = int(fy)
     upper = (1.0 - ax) * fetch(picture, offset, w, h, ix, iy) + ax * fetch(picture, offset, w, h, ix + 1, iy)
@@ -39,15 +51,15 @@ def bilinear(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32
 
 @wp.func
 def catmull_rom(t: float) -> wp.vec4:
-    """Weights of four neighbours at t between the inner two (Keys 1981, a = -1/2)."""
+    """Return the weights of four neighbours at t between the inner two (Keys 1981, a = -1/2)."""
     t2 = t * t
     t3 = t2 * t
     return wp.vec4(-0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2)
 
 
 @wp.func
-def bicubic(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), x: float, y: float) -> wp.vec3:
-    """Bicubic sample of the finest level, not below zero."""
+def bicubic(picture: Pyramid, x: float, y: float) -> wp.vec3:
+    """Return the bicubic sample of the finest level, not below zero."""
     fx = wp.floor(x)
     fy = wp.floor(y)
     wx = catmull_rom(x - fx)
@@ -55,27 +67,29 @@ def bicubic(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32)
     total = wp.vec3(0.0, 0.0, 0.0)
     for j in range(4):
         for i in range(4):
-            total += wx[i] * wy[j] * fetch(picture, 0, levels[0, 1], levels[0, 2], int(fx) - 1 + i, int(fy) - 1 + j)
+            total += (
+                wx[i] * wy[j] * fetch(picture, 0, picture.levels[0, 1], picture.levels[0, 2], int(fx) - 1 + i, int(fy) - 1 + j)
+            )
     return wp.max(total, wp.vec3(0.0, 0.0, 0.0))
 
 
 @wp.func
-def at_level(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32), level: float, x: float, y: float) -> wp.vec3:
-    """Trilinear sample between two levels; bicubic where the finest is not finer than needed."""
+def at_level(picture: Pyramid, level: float, x: float, y: float) -> wp.vec3:
+    """Return the trilinear sample between two levels; bicubic where the finest is not finer than needed."""
     result = wp.vec3(0.0, 0.0, 0.0)
     if level <= 0.0:
-        result = bicubic(picture, levels, x, y)
+        result = bicubic(picture, x, y)
     else:
-        low = wp.min(int(wp.floor(level)), levels.shape[0] - 1)
-        high = wp.min(low + 1, levels.shape[0] - 1)
+        low = wp.min(int(wp.floor(level)), picture.levels.shape[0] - 1)
+        high = wp.min(low + 1, picture.levels.shape[0] - 1)
         part = wp.min(level - float(low), 1.0)
-        # The finest level is bicubic in mixtures too: sharpness would jump at a footprint of one pixel.
+        # In mixtures too the finest level is sampled bicubically, since sharpness would jump at a footprint of one pixel.
         if low == 0:
-            result = (1.0 - part) * bicubic(picture, levels, x, y)
+            result = (1.0 - part) * bicubic(picture, x, y)
         else:
-            result = (1.0 - part) * bilinear(picture, levels, low, x, y)
+            result = (1.0 - part) * bilinear(picture, low, x, y)
         if part > 0.0:
-            result += part * bilinear(picture, levels, high, x, y)
+            result += part * bilinear(picture, high, x, y)
     return result
 
 
@@ -83,8 +97,7 @@ def at_level(picture: wp.array(dtype=wp.vec3), levels: wp.array2d(dtype=wp.int32
 class Picture:
     """A photograph's pyramid on the device: every level halves the one before, by means of 2 x 2 pixels."""
 
-    values: wp.array
-    levels: wp.array
+    pyramid: Pyramid
     width: int
     height: int
 
@@ -102,6 +115,7 @@ class Picture:
                 break
             even = np.pad(level, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
             level = 0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
-        values = wp.array(np.concatenate(parts), dtype=wp.vec3, device=device)
-        levels = wp.array(np.array(table, np.int32), dtype=wp.int32, ndim=2, device=device)
-        return cls(values, levels, image.shape[1], image.shape[0])
+        pyramid = Pyramid()
+        pyramid.values = upload(np.concatenate(parts), wp.vec3, device)
+        pyramid.levels = upload(np.array(table), wp.int32, device)
+        return cls(pyramid, image.shape[1], image.shape[0])

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
-from intaglio.kernels.points import nearest_kernel, project_kernel, variation_kernel
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.points import PointGrid, nearest_kernel, project_kernel, variation_kernel
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class Feet:
 
 class PointSurface:
     """The surface of points with normals, in a hashed grid; separate sets are groups that don't see each other.
+
+    Its ``point_grid`` is what kernels take.
 
     Parameters
     ----------
@@ -67,21 +69,20 @@ class PointSurface:
             spans.append(int(cell.max(initial=0)) + 1)
             key = key * spans[axis] + cell
         self.order = np.argsort(key, kind="stable")
-        self.points = wp.array(points[self.order], dtype=wp.vec3, device=device)
-        self.normals = wp.array(np.ascontiguousarray(normals, np.float32)[self.order], dtype=wp.vec3, device=device)
-        self.group = wp.array(group[self.order], dtype=wp.int32, device=device)
+        self.points = upload(points[self.order], wp.vec3, device)
+        self.normals = upload(np.asarray(normals)[self.order], wp.vec3, device)
+        self.group = upload(group[self.order], wp.int32, device)
         side = [int(np.clip(span + 2, 4, 1024)) for span in spans]
-        while np.prod(side, dtype=float) > 1 << 22:
+        while np.prod(side, dtype=wp.float32) > 1 << 22:
             side[int(np.argmax(side))] //= 2
         self._grid = wp.HashGrid(*side, device=device)
         if count:
             self._grid.reserve(count, with_groups=True)
             self._grid.build(self.points, radius=self.support, groups=self.group)
-
-    @property
-    def grid(self) -> wp.uint64:
-        """Id of the hashed grid, for kernels."""
-        return self._grid.id
+        self.point_grid = PointGrid()
+        self.point_grid.grid = self._grid.id
+        self.point_grid.points, self.point_grid.normals, self.point_grid.group = self.points, self.normals, self.group
+        self.point_grid.support, self.point_grid.hermite = self.support, self.hermite
 
     def __len__(self) -> int:
         return len(self.order)
@@ -120,17 +121,8 @@ class PointSurface:
         launch(
             project_kernel,
             count,
-            [
-                self.grid,
-                self.points,
-                self.normals,
-                *self._queries(at, sides, group),
-                self.support,
-                self.hermite,
-                float(reach),
-                int(along),
-            ],
-            [foot, normal, found],
+            inputs=[self.point_grid, *self._queries(at, sides, group), float(reach), int(along)],
+            outputs=[foot, normal, found],
             device=self.device,
             work=3000,
         )
@@ -148,8 +140,8 @@ class PointSurface:
         launch(
             nearest_kernel,
             len(at),
-            [self.grid, self.points, self.normals, *self._queries(at, sides, group), self.support, float(reach)],
-            [index],
+            inputs=[self.point_grid, *self._queries(at, sides, group), float(reach)],
+            outputs=[index],
             device=self.device,
             work=500,
         )
@@ -158,12 +150,12 @@ class PointSurface:
 
     def variation(self, radius: float) -> np.ndarray:
         """Return the surface variation (N,) float32 in [0, 1/3] of each point's neighbours within ``radius``."""
-        value = wp.empty(len(self), dtype=float, device=self.device)
+        value = wp.empty(len(self), dtype=wp.float32, device=self.device)
         launch(
             variation_kernel,
             len(self),
-            [self.grid, self.points, self.normals, self.group, float(radius)],
-            [value],
+            inputs=[self.point_grid, float(radius)],
+            outputs=[value],
             device=self.device,
             work=1000,
         )
@@ -172,9 +164,5 @@ class PointSurface:
         return out
 
     def _queries(self, at: np.ndarray, sides: np.ndarray, group: np.ndarray | None) -> list[wp.array]:
-        groups = np.zeros(len(at), np.int32) if group is None else np.ascontiguousarray(group, np.int32)
-        return [
-            wp.array(at, dtype=wp.vec3, device=self.device),
-            wp.array(sides, dtype=wp.vec3, device=self.device),
-            wp.array(groups, dtype=wp.int32, device=self.device),
-        ]
+        groups = np.zeros(len(at), np.int32) if group is None else group
+        return [upload(at, wp.vec3, self.device), upload(sides, wp.vec3, self.device), upload(groups, wp.int32, self.device)]

@@ -14,23 +14,33 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-# Iterations of a projection, and the movement (in supports) at which it has settled.
+# A projection takes at most this many iterations, and ends where one moves the point by less than this share of the support.
 _STEPS = wp.constant(16)
 _SETTLED = wp.constant(1.0e-3)
-# A line that meets the surface flatter than this (sine) counts as passing it by.
+# A line that meets the surface at an angle whose sine is less than this counts as passing it by.
 _GRAZING = wp.constant(0.3)
+
+
+@wp.struct
+class PointGrid:
+    """Points with normals in a hashed grid, and what a surface is made of them with."""
+
+    grid: wp.uint64
+    points: wp.array[wp.vec3]
+    normals: wp.array[wp.vec3]
+    group: wp.array[wp.int32]
+    # Radius R of the weights.
+    support: float
+    # Share of the correction for bending, 0 to 1; see `local_plane`.
+    hermite: float
 
 
 @wp.func
 def local_plane(
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
+    surface: PointGrid,
     group: int,
     x: wp.vec3,
     facing: wp.vec3,
-    support: float,
-    hermite: float,
 ):
     """Return average position, average unit normal and sum of weights about ``x`` (sum 0: no points there).
 
@@ -43,12 +53,13 @@ def local_plane(
     normal = wp.vec3()
     tangent = float(0.0)
     total = float(0.0)
-    inverse = 1.0 / (support * support)
-    for j in wp.hash_grid_query(grid, x, support, group):
-        d = points[j] - x
+    hermite = surface.hermite
+    inverse = 1.0 / (surface.support * surface.support)
+    for j in wp.hash_grid_query(surface.grid, x, surface.support, group):
+        d = surface.points[j] - x
         w = 1.0 - wp.dot(d, d) * inverse
         if w > 0.0:
-            n = normals[j]
+            n = surface.normals[j]
             side = wp.dot(n, facing)
             if side >= 0.0:
                 w = w * w
@@ -71,27 +82,24 @@ def local_plane(
 
 @wp.func
 def nearest_point(
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
+    surface: PointGrid,
     group: int,
     x: wp.vec3,
     facing: wp.vec3,
-    support: float,
     reach: float,
 ):
     """Return the nearest point's index, -1 if there is none within ``reach``; rings about ``x`` double in radius."""
     best = int(-1)
-    radius = wp.min(support, reach)
+    radius = wp.min(surface.support, reach)
     searching = int(1)
     while searching == 1:
         least = radius * radius
-        for j in wp.hash_grid_query(grid, x, radius, group):
-            d = points[j] - x
+        for j in wp.hash_grid_query(surface.grid, x, radius, group):
+            d = surface.points[j] - x
             r2 = wp.dot(d, d)
-            # Of points at the same distance the first in the list counts, whatever the order of the visit.
+            # Of points at the same distance the first in the list is taken, so that the order of the visit does not matter.
             if r2 < least or (r2 == least and (best < 0 or j < best)):
-                if wp.dot(normals[j], facing) >= 0.0:
+                if wp.dot(surface.normals[j], facing) >= 0.0:
                     least = r2
                     best = j
         if best >= 0 or radius >= reach:
@@ -102,34 +110,32 @@ def nearest_point(
 
 @wp.func
 def settle(
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
+    surface: PointGrid,
     group: int,
     x: wp.vec3,
     begin: wp.vec3,
     facing: wp.vec3,
-    support: float,
-    hermite: float,
 ):
     """Return foot and normal of ``x`` on the surface, from ``begin`` near it, and whether there is one (1 or 0).
 
-    The quasi-orthogonal projection: ``x`` itself is dropped on the plane at the last iterate, until the plane stays. Farther
-    from a bent surface than its radius that swings to and fro ever wider: steps that turn back are halved.
+    The quasi-orthogonal projection: ``x`` itself is dropped on the plane at the last iterate, until the plane stays. Where
+    ``x`` is farther from a bent surface than the surface's radius of curvature, the iterates would swing to and fro ever
+    wider, so steps that turn back are halved.
     """
     at = begin
     normal = facing
     found = int(0)
+    support = surface.support
     last = wp.vec3()
     share = float(1.0)
     for _ in range(_STEPS):
-        position, n, total = local_plane(grid, points, normals, group, at, facing, support, hermite)
+        position, n, total = local_plane(surface, group, at, facing)
         if total == 0.0:
             break
         found = 1
         normal = n
         foot = x - n * wp.dot(n, x - position)
-        # From far away the plane's foot may lie beyond the points it was made of.
+        # Seen from far away, the foot on the plane may lie beyond the points that the plane was made of.
         away = foot - position
         length = wp.length(away)
         if length > 0.5 * support:
@@ -146,22 +152,19 @@ def settle(
 
 @wp.func
 def meet(
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
+    surface: PointGrid,
     group: int,
     x: wp.vec3,
     direction: wp.vec3,
-    support: float,
-    hermite: float,
     reach: float,
 ):
     """Return where the line through ``x`` along ±``direction`` meets the surface, its normal, and 1; or 0 if it does not.
 
     The limited intersection of Adamson & Alexa (2003): the line is cut with the plane at the last iterate. Iterations begin
     at ``x``, then farther and farther away on both sides, up to ``reach``; the first to settle counts, which is the nearest
-    intersection but where two are about equally near.
+    intersection, except perhaps where two are about equally near.
     """
+    support = surface.support
     step = 0.75 * support
     starts = int(reach / step)
     found = int(0)
@@ -169,12 +172,12 @@ def meet(
     normal = direction
     for k in range(2 * starts + 1):
         if found == 0:
-            # 0, 1, -1, 2, -2, ... steps from x.
+            # Iterations begin 0, 1, -1, 2, -2, ... steps from x.
             t = float((k + 1) / 2) * step * (1.0 - 2.0 * float((k + 1) % 2))
             settled = int(0)
             for _ in range(_STEPS):
                 if settled == 0:
-                    position, n, total = local_plane(grid, points, normals, group, x + t * direction, direction, support, hermite)
+                    position, n, total = local_plane(surface, group, x + t * direction, direction)
                     slope = wp.dot(n, direction)
                     if total == 0.0 or slope < _GRAZING:
                         settled = -1
@@ -196,22 +199,21 @@ def meet(
 @wp.kernel
 def project_kernel(
     start: int,
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    at: wp.array(dtype=wp.vec3),
-    facing: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
-    support: float,
-    hermite: float,
+    surface: PointGrid,
+    at: wp.array[wp.vec3],
+    facing: wp.array[wp.vec3],
+    group: wp.array[wp.int32],
     reach: float,
     along: int,
     # output
-    foot: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    found: wp.array(dtype=wp.int32),
+    foot: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    found: wp.array[wp.int32],
 ):
-    """Foot and normal on the surface of each position; ``along``: first where the line along ``facing`` meets it."""
+    """Write the foot and normal of each position on the surface n(x) . (a(x) - x) = 0.
+
+    With ``along`` = 1 the foot is where the line along ``facing`` meets the surface, if it does.
+    """
     i = start + wp.tid()
     x = at[i]
     side = facing[i]
@@ -220,19 +222,19 @@ def project_kernel(
     n = side
     ok = int(0)
     if along == 1:
-        here, n, ok = meet(grid, points, normals, g, x, side, support, hermite, reach)
+        here, n, ok = meet(surface, g, x, side, reach)
     if ok == 0:
-        j = nearest_point(grid, points, normals, g, x, side, support, reach)
+        j = nearest_point(surface, g, x, side, reach)
         if j >= 0:
-            begin = points[j]
-            if wp.length(begin - x) < 0.5 * support:
+            begin = surface.points[j]
+            if wp.length(begin - x) < 0.5 * surface.support:
                 begin = x
             if wp.length_sq(side) == 0.0:
-                side = normals[j]
-            here, n, ok = settle(grid, points, normals, g, x, begin, side, support, hermite)
+                side = surface.normals[j]
+            here, n, ok = settle(surface, g, x, begin, side)
             if ok == 0:
-                here = points[j]
-                n = normals[j]
+                here = surface.points[j]
+                n = surface.normals[j]
                 ok = 1
     foot[i] = here
     normal[i] = n
@@ -242,44 +244,38 @@ def project_kernel(
 @wp.kernel
 def nearest_kernel(
     start: int,
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    at: wp.array(dtype=wp.vec3),
-    facing: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
-    support: float,
+    surface: PointGrid,
+    at: wp.array[wp.vec3],
+    facing: wp.array[wp.vec3],
+    group: wp.array[wp.int32],
     reach: float,
     # output
-    index: wp.array(dtype=wp.int32),
+    index: wp.array[wp.int32],
 ):
-    """Nearest point that faces the side asked for, -1 where there is none within reach."""
+    """Write the index of the nearest point on the side asked for, argmin |p_j - x| with n_j . facing >= 0; -1 beyond reach."""
     i = start + wp.tid()
-    index[i] = nearest_point(grid, points, normals, group[i], at[i], facing[i], support, reach)
+    index[i] = nearest_point(surface, group[i], at[i], facing[i], reach)
 
 
 @wp.kernel
 def variation_kernel(
     start: int,
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
+    surface: PointGrid,
     radius: float,
     # output
-    variation: wp.array(dtype=float),
+    variation: wp.array[wp.float32],
 ):
-    """Surface variation of Pauly et al. (2002): least eigenvalue of the neighbours' covariance over the sum of all three."""
+    """Write the surface variation of Pauly et al. (2002), l0 / (l0 + l1 + l2) of the neighbours' covariance, l0 the least."""
     i = start + wp.tid()
-    x = points[i]
-    side = normals[i]
+    x = surface.points[i]
+    side = surface.normals[i]
     count = float(0.0)
     mean = wp.vec3()
     second = wp.mat33()
-    for j in wp.hash_grid_query(grid, x, radius, group[i]):
-        d = points[j] - x
+    for j in wp.hash_grid_query(surface.grid, x, radius, surface.group[i]):
+        d = surface.points[j] - x
         if wp.dot(d, d) <= radius * radius:
-            if wp.dot(normals[j], side) >= 0.0:
+            if wp.dot(surface.normals[j], side) >= 0.0:
                 count += 1.0
                 mean += d
                 second += wp.outer(d, d)

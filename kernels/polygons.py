@@ -9,31 +9,32 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 
 wp.set_module_options({"enable_backward": False})
 
+# The area of a chain that cannot be triangulated.
 _NEVER = wp.constant(1.0e30)
 
 
 @wp.kernel
 def chain_kernel(
     start: int,
-    points: wp.array(dtype=wp.vec3),
-    number: wp.array(dtype=wp.int32),
-    barred: wp.array2d(dtype=wp.uint8),
+    points: wp.array[wp.vec3],
+    number: wp.array[wp.int32],
+    barred: wp.array2d[wp.uint8],
     length: int,
     # output
-    best: wp.array2d(dtype=float),
-    middle: wp.array2d(dtype=wp.int32),
+    best: wp.array2d[wp.float32],
+    middle: wp.array2d[wp.int32],
 ):
-    """Least area of the chain from i to i + length, and the middle corner of the triangle on its chord."""
+    """Write W(i, k) = min_m W(i, m) + W(m, k) + area(i, m, k) for k = i + length, and the middle corner m."""
     i = start + wp.tid()
     k = i + length
     least = float(_NEVER)
     at = int(-1)
     closing = i == 0 and k == points.shape[0] - 1
-    # A chord that the mesh has already as an edge would make it run through that edge twice; the last chord is a rim edge.
+    # A chord that is an edge of the mesh already would get too many triangles. The last chord is an edge of the rim, and free.
     if closing or barred[i, k] == 0:
         a = points[i]
         c = points[k]
@@ -70,15 +71,15 @@ def least_area_triangles(points: np.ndarray, number: np.ndarray, barred: np.ndar
     """
     count = len(points)
     scale = float(np.ptp(points, axis=0).max()) or 1.0
-    at = wp.array(((points - points[0]) / scale).astype(np.float32), dtype=wp.vec3, device=device)
-    table = np.full((count, count), 1e30, np.float32)
+    at = upload((points - points[0]) / scale, wp.vec3, device)
+    table = np.full((count, count), float(_NEVER), np.float32)
     table[np.arange(count - 1), np.arange(1, count)] = 0
-    best = wp.array(table, dtype=float, device=device)
+    best = upload(table, wp.float32, device)
     middle = wp.full((count, count), -1, dtype=wp.int32, device=device)
     inputs = [
         at,
-        wp.array(np.ascontiguousarray(number, np.int32), dtype=wp.int32, device=device),
-        wp.array(np.ascontiguousarray(barred, np.uint8), dtype=wp.uint8, device=device),
+        upload(number, wp.int32, device),
+        upload(barred, wp.uint8, device),
     ]
     for length in range(2, count):
         launch(chain_kernel, count - length, inputs=[*inputs, length], outputs=[best, middle], device=device, work=3.0 * length)

@@ -7,7 +7,7 @@ import numpy as np
 from intaglio.kernels.pyramids import expanded, normalized, reduced, uploaded
 
 
-def continued(color: np.ndarray, defined: np.ndarray, device: str) -> np.ndarray:
+def continue_image(color: np.ndarray, defined: np.ndarray, device: str) -> np.ndarray:
     """Return an image (H, W, C) that is as it was where ``defined``, and elsewhere continues smoothly from there."""
     if defined.all() or not defined.any():
         return color

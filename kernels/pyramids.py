@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
 def kernel_weight(k: int) -> float:
-    """Burt and Adelson's generating kernel (1983), a = 0.4, at -2 to 2."""
+    """Return Burt and Adelson's generating kernel (1983) at ``k`` from -2 to 2: 0.05, 0.25, 0.4, 0.25, 0.05 (a = 0.4)."""
     result = float(0.4)
     if k == 1 or k == -1:
         result = 0.25
@@ -24,11 +24,11 @@ def kernel_weight(k: int) -> float:
 @wp.kernel
 def reduce_kernel(
     start: int,
-    fine: wp.array2d(dtype=wp.vec4),
+    fine: wp.array2d[wp.vec4],
     # output
-    coarse: wp.array2d(dtype=wp.vec4),
+    coarse: wp.array2d[wp.vec4],
 ):
-    """Half the picture: sum over 5 x 5 of the kernel times it; nothing lies beyond the border."""
+    """Write coarse(y, x) = Σ_j Σ_i w_j w_i fine(2 y + j, 2 x + i), i and j from -2 to 2; nothing lies beyond the border."""
     y, x = wp.tid()
     y = start + y
     total = wp.vec4(0.0, 0.0, 0.0, 0.0)
@@ -47,13 +47,14 @@ def reduce_kernel(
 @wp.kernel
 def expand_kernel(
     start: int,
-    coarse: wp.array2d(dtype=wp.vec4),
+    coarse: wp.array2d[wp.vec4],
     # output
-    fine: wp.array2d(dtype=wp.vec4),
+    fine: wp.array2d[wp.vec4],
 ):
-    """Twice the picture: mean of colour over the coarse pixels in reach where the fourth is not zero, kernel-weighted.
+    """Write fine(y, x) = Σ w c / Σ w over the coarse pixels in reach whose fourth is above 0, c their first three.
 
-    The fourth becomes 1 where there is any, else all are 0.
+    w is the kernel's weight at the distance y - 2 row, times that at x - 2 column. The fourth becomes 1 where there is any
+    such pixel; else all four are 0.
     """
     y, x = wp.tid()
     y = start + y
@@ -81,11 +82,11 @@ def expand_kernel(
 @wp.kernel
 def normalize_kernel(
     start: int,
-    level: wp.array2d(dtype=wp.vec4),
+    level: wp.array2d[wp.vec4],
     # output
-    result: wp.array2d(dtype=wp.vec4),
+    result: wp.array2d[wp.vec4],
 ):
-    """Divide the first three by the fourth, where that is not zero."""
+    """Write the first three divided by the fourth, and the fourth; all 0 where the fourth is not above 0."""
     y, x = wp.tid()
     y = start + y
     value = level[y, x]
@@ -98,13 +99,13 @@ def normalize_kernel(
 @wp.kernel
 def add_band_kernel(
     start: int,
-    here: wp.array2d(dtype=wp.vec4),
-    below: wp.array2d(dtype=wp.vec4),
-    share: wp.array2d(dtype=wp.vec4),
+    here: wp.array2d[wp.vec4],
+    below: wp.array2d[wp.vec4],
+    share: wp.array2d[wp.vec4],
     # output
-    total: wp.array2d(dtype=wp.vec4),
+    total: wp.array2d[wp.vec4],
 ):
-    """Add (here - below) times the mask to the first three of ``total``, and the mask to the fourth."""
+    """Add m (here - below) to the first three of ``total`` and m to the fourth, m being the first of ``share``."""
     y, x = wp.tid()
     y = start + y
     value = here[y, x]
@@ -118,12 +119,12 @@ def add_band_kernel(
 @wp.kernel
 def collapse_kernel(
     start: int,
-    sums: wp.array2d(dtype=wp.vec4),
-    below: wp.array2d(dtype=wp.vec4),
+    sums: wp.array2d[wp.vec4],
+    below: wp.array2d[wp.vec4],
     # output
-    result: wp.array2d(dtype=wp.vec4),
+    result: wp.array2d[wp.vec4],
 ):
-    """Add the mean band of the layers to what comes from the coarser level."""
+    """Write below + sums / w: the mean band of the layers, their sum over its weight w, on top of the coarser level."""
     y, x = wp.tid()
     y = start + y
     value = sums[y, x]
@@ -138,37 +139,37 @@ def reduced(fine: wp.array, device: str) -> wp.array:
     """Return the next coarser level of an (H, W) array of vec4, (H + 1) // 2 by (W + 1) // 2."""
     shape = tuple((n + 1) // 2 for n in fine.shape)
     coarse = wp.empty(shape, dtype=wp.vec4, device=device)
-    launch(reduce_kernel, shape, [fine], [coarse], device=device, work=40 * shape[1])
+    launch(reduce_kernel, shape, inputs=[fine], outputs=[coarse], device=device, work=40 * shape[1])
     return coarse
 
 
 def expanded(coarse: wp.array, shape: tuple[int, int], device: str) -> wp.array:
     """Return a level at the next finer ``shape``: colour where there is any, 1 or 0 in the fourth."""
     fine = wp.empty(shape, dtype=wp.vec4, device=device)
-    launch(expand_kernel, shape, [coarse], [fine], device=device, work=20 * shape[1])
+    launch(expand_kernel, shape, inputs=[coarse], outputs=[fine], device=device, work=20 * shape[1])
     return fine
 
 
 def uploaded(image: np.ndarray, device: str) -> wp.array:
     """Return (H, W, 4) as an array of vec4."""
-    return wp.array(np.ascontiguousarray(image, np.float32), dtype=wp.vec4, device=device)
+    return upload(image, wp.vec4, device)
 
 
 def normalized(level: wp.array, device: str) -> wp.array:
     """Return a level with colour divided by weight; weight as it was."""
     result = wp.empty(level.shape, dtype=wp.vec4, device=device)
-    launch(normalize_kernel, level.shape, [level], [result], device=device, work=5 * level.shape[1])
+    launch(normalize_kernel, level.shape, inputs=[level], outputs=[result], device=device, work=5 * level.shape[1])
     return result
 
 
 def add_band(here: wp.array, below: wp.array | None, share: wp.array, total: wp.array, device: str) -> None:
-    """Add one layer's band of one level to ``total``; None below the coarsest."""
+    """Add one layer's band of one level to ``total``; ``below`` is None for the coarsest level."""
     under = wp.zeros(here.shape, dtype=wp.vec4, device=device) if below is None else below
-    launch(add_band_kernel, here.shape, [here, under, share], [total], device=device, work=5 * here.shape[1])
+    launch(add_band_kernel, here.shape, inputs=[here, under, share], outputs=[total], device=device, work=5 * here.shape[1])
 
 
 def collapsed(sums: wp.array, below: wp.array, device: str) -> wp.array:
     """Return a level of the result from the sums of its bands and the expanded coarser level."""
     result = wp.empty(sums.shape, dtype=wp.vec4, device=device)
-    launch(collapse_kernel, sums.shape, [sums, below], [result], device=device, work=5 * sums.shape[1])
+    launch(collapse_kernel, sums.shape, inputs=[sums, below], outputs=[result], device=device, work=5 * sums.shape[1])
     return result

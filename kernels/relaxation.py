@@ -7,6 +7,7 @@ import warp as wp
 
 from intaglio.kernels.launch import launch
 from intaglio.kernels.point_surface import PointSurface
+from intaglio.kernels.points import PointGrid
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,25 +18,25 @@ vec12 = wp.types.vector(length=12, dtype=wp.float32)
 @wp.kernel
 def repel_kernel(
     start: int,
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
+    surface: PointGrid,
     radius: float,
     strength: float,
     # output
-    moved: wp.array(dtype=wp.vec3),
+    moved: wp.array[wp.vec3],
 ):
-    """Push of the neighbours within ``radius``, falling to 0 there, along the tangent plane (Turk 1992, Pauly 2002)."""
+    """Write x + strength P Σ_j (radius - r_j) / r_j (x - p_j) over the neighbours with r_j = |x - p_j| < radius.
+
+    P projects on the tangent plane of x (Turk 1992; Pauly et al. 2002). No point moves by more than a quarter of ``radius``.
+    """
     i = start + wp.tid()
-    x = points[i]
-    n = normals[i]
+    x = surface.points[i]
+    n = surface.normals[i]
     push = wp.vec3()
-    for j in wp.hash_grid_query(grid, x, radius, group[i]):
-        d = x - points[j]
+    for j in wp.hash_grid_query(surface.grid, x, radius, surface.group[i]):
+        d = x - surface.points[j]
         r = wp.length(d)
         if r < radius and r > 0.0:
-            if wp.dot(normals[j], n) > 0.0:
+            if wp.dot(surface.normals[j], n) > 0.0:
                 push += d * ((radius - r) / r)
     push = strength * (push - n * wp.dot(push, n))
     length = wp.length(push)
@@ -47,37 +48,35 @@ def repel_kernel(
 @wp.kernel
 def gap_kernel(
     start: int,
-    grid: wp.uint64,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
+    surface: PointGrid,
     narrow: float,
     wide: float,
     # output
-    middle: wp.array(dtype=wp.vec3),
-    width: wp.array(dtype=float),
+    middle: wp.array[wp.vec3],
+    width: wp.array[wp.float32],
 ):
-    """Width and middle of the widest gap about a point: a sector of 60° whose nearest point lies from narrow to wide away.
+    """Write the width and the middle of the widest gap about a point: the largest distance of a sector's nearest point.
 
-    Twelve sectors overlap by half. A sector with nothing up to ``wide`` is a border, not a gap: 0.
+    Twelve sectors of 60° overlap by half. A sector whose nearest point is nearer than ``narrow`` is no gap, and one that
+    is empty up to ``wide`` is a border: the width is 0 where there are only such.
     """
     i = start + wp.tid()
-    x = points[i]
-    n = normals[i]
+    x = surface.points[i]
+    n = surface.normals[i]
     u = wp.cross(n, wp.vec3(1.0, 0.0, 0.0))
     if wp.abs(n[0]) > 0.9:
         u = wp.cross(n, wp.vec3(0.0, 1.0, 0.0))
     u = wp.normalize(u)
     v = wp.cross(n, u)
     least = vec12(wide)
-    for j in wp.hash_grid_query(grid, x, wide, group[i]):
-        d = points[j] - x
+    for j in wp.hash_grid_query(surface.grid, x, wide, surface.group[i]):
+        d = surface.points[j] - x
         r = wp.length(d)
         if r < wide and r > 0.0:
-            if wp.dot(normals[j], n) > 0.0:
+            if wp.dot(surface.normals[j], n) > 0.0:
                 turn = wp.atan2(wp.dot(d, v), wp.dot(d, u)) / (2.0 * wp.pi) * 12.0 + 12.0
                 s = int(turn) % _SECTORS
-                # A point lies in the sectors that begin at its twelfth and at the one before it.
+                # A sector spans two twelfths of the circle: a point lies in that which begins at its twelfth and that before.
                 before = (s + _SECTORS - 1) % _SECTORS
                 least[s] = wp.min(least[s], r)
                 least[before] = wp.min(least[before], r)
@@ -109,8 +108,8 @@ def repelled(surface: PointSurface, radius: float, strength: float) -> np.ndarra
     launch(
         repel_kernel,
         len(surface),
-        [surface.grid, surface.points, surface.normals, surface.group, float(radius), float(strength)],
-        [moved],
+        inputs=[surface.point_grid, float(radius), float(strength)],
+        outputs=[moved],
         device=surface.device,
         work=500,
     )
@@ -129,12 +128,12 @@ def gaps(surface: PointSurface, narrow: float, wide: float) -> tuple[np.ndarray,
         A gap is a sector of 60° in the tangent plane whose nearest point is farther than ``narrow`` and nearer than ``wide``.
     """
     middle = wp.empty(len(surface), dtype=wp.vec3, device=surface.device)
-    width = wp.empty(len(surface), dtype=float, device=surface.device)
+    width = wp.empty(len(surface), dtype=wp.float32, device=surface.device)
     launch(
         gap_kernel,
         len(surface),
-        [surface.grid, surface.points, surface.normals, surface.group, float(narrow), float(wide)],
-        [middle, width],
+        inputs=[surface.point_grid, float(narrow), float(wide)],
+        outputs=[middle, width],
         device=surface.device,
         work=1000,
     )

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 
 wp.set_module_options({"enable_backward": False})
 
+# The most candidates that are listed for a target.
 SHORTLIST = 256
-# Costs from here on belong to candidates that lack something: far above any real one on heights of unit variance.
+# A cost of this or more belongs to a candidate that lacks a grid point: with heights of unit variance, real costs are far less.
 VIABLE = 1.0e6
 _VIABLE = wp.constant(VIABLE)
+# The least cost of this many candidates is found first, so that most of them need not be looked at again.
 _BLOCK = wp.constant(256)
 _MIX_1 = wp.constant(wp.uint32(0x85EBCA6B))
 _MIX_2 = wp.constant(wp.uint32(0xC2B2AE35))
@@ -21,11 +23,11 @@ _MIX_2 = wp.constant(wp.uint32(0xC2B2AE35))
 @wp.kernel
 def block_minimum_kernel(
     start: int,
-    cost: wp.array2d(dtype=float),
+    cost: wp.array2d[wp.float32],
     # output
-    lowest: wp.array2d(dtype=float),
+    lowest: wp.array2d[wp.float32],
 ):
-    """Least cost of every block of 256 candidates of a target."""
+    """Write the least cost of every block of 256 candidates of a target, min_j cost[t, j]."""
     i, b = wp.tid()
     t = start + i
     m = float(3.0e38)
@@ -36,7 +38,7 @@ def block_minimum_kernel(
 
 @wp.func
 def thinning_hash(c: int) -> wp.uint32:
-    """Well mixed bits of a candidate index (murmur3's finaliser)."""
+    """Return well mixed bits of a candidate's index: the last step of the hash function murmur3."""
     h = wp.uint32(c)
     h = (h ^ (h >> wp.uint32(16))) * _MIX_1
     h = (h ^ (h >> wp.uint32(13))) * _MIX_2
@@ -46,15 +48,15 @@ def thinning_hash(c: int) -> wp.uint32:
 @wp.kernel
 def shortlist_kernel(
     start: int,
-    cost: wp.array2d(dtype=float),
-    lowest: wp.array2d(dtype=float),
+    cost: wp.array2d[wp.float32],
+    lowest: wp.array2d[wp.float32],
     factor: float,
-    slack: wp.array(dtype=float),
+    slack: wp.array[wp.float32],
     stride: int,
     samples: int,
     # output
-    shortlist: wp.array2d(dtype=wp.int32),
-    count: wp.array(dtype=wp.int32),
+    shortlist: wp.array2d[wp.int32],
+    count: wp.array[wp.int32],
 ):
     """List the candidates within ``factor`` of a target's least cost (plus the rounding slack), in index order.
 
@@ -107,7 +109,6 @@ def select_near_best(
     shortlist: np.ndarray,
     listed: np.ndarray,
     *,
-    split: bool,
     stride: int,
     samples: int,
 ) -> None:
@@ -123,29 +124,26 @@ def select_near_best(
         Filled in place, in index order.
     listed : (T,) int32 array
         Filled in place: how many are listed, 0 where the least cost is not viable.
-    split : bool
-        Split the launch over threads; False within a worker thread.
     stride, samples : int
         Columns per rotation of ``cost``, and how many of them are samples; equal where nothing is padded.
     """
     device = str(cost.device)
     on_cpu = device.startswith("cpu")
     count, candidates = cost.shape
-    lowest = wp.empty((count, -(-candidates // int(_BLOCK))), dtype=float, device=device)
+    lowest = wp.empty((count, -(-candidates // int(_BLOCK))), dtype=wp.float32, device=device)
     if on_cpu:
         out, number = (wp.array(a, dtype=wp.int32, device=device, copy=False) for a in (shortlist, listed))
     else:
         out, number = (wp.empty(a.shape, dtype=wp.int32, device=device) for a in (shortlist, listed))
-    slack_there = wp.array(slack, dtype=float, device=device)
-
-    def go(kernel: wp.Kernel, dim: tuple[int, ...], inputs: list[object], outputs: list[object]) -> None:
-        if split:
-            launch(kernel, dim, inputs=inputs, outputs=outputs, device=device, grain=1)
-        else:
-            wp.launch(kernel, dim=dim, inputs=[0, *inputs], outputs=outputs, device=device, record_tape=False)
-
-    go(block_minimum_kernel, lowest.shape, [cost], [lowest])
-    go(shortlist_kernel, (count,), [cost, lowest, float(factor), slack_there, stride, samples], [out, number])
+    launch(block_minimum_kernel, lowest.shape, inputs=[cost], outputs=[lowest], device=device, grain=1)
+    launch(
+        shortlist_kernel,
+        count,
+        inputs=[cost, lowest, float(factor), upload(slack, wp.float32, device), stride, samples],
+        outputs=[out, number],
+        device=device,
+        grain=1,
+    )
     if not on_cpu:
         shortlist[:] = out.numpy()
         listed[:] = number.numpy()

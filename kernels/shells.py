@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.meshes import build_mesh
 
 wp.set_module_options({"enable_backward": False})
 
@@ -13,19 +14,19 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def shell_kernel(
     start: int,
-    at: wp.array(dtype=wp.vec3),
-    facing: wp.array(dtype=wp.vec3),
+    at: wp.array[wp.vec3],
+    facing: wp.array[wp.vec3],
     chart: wp.uint64,
-    uv: wp.array(dtype=wp.vec2),
-    corner: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
+    uv: wp.array[wp.vec2],
+    corner: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
     height: float,
     # output
-    point: wp.array(dtype=wp.vec3),
-    turned: wp.array(dtype=wp.vec3),
-    face: wp.array(dtype=wp.int32),
+    point: wp.array[wp.vec3],
+    turned: wp.array[wp.vec3],
+    face: wp.array[wp.int32],
 ):
-    """Position (u, v, h) and its normal over the triangle that holds (u, v): X(u, v) + height h N(u, v); face -1 for none.
+    """Write X(u, v) + height h N(u, v) and its normal for each position (u, v, h), with the triangle that holds (u, v), or -1.
 
     The normal is carried by the cofactors of the Jacobian [X_u + height h N_u, X_v + height h N_v, height N].
     """
@@ -54,11 +55,11 @@ def shell_kernel(
             x_h = height * n
             m = facing[i]
             carried = wp.cross(x_v, x_h) * m[0] + wp.cross(x_h, x_u) * m[1] + wp.cross(x_u, x_v) * m[2]
-            # A layout that mirrors the surface turns the cofactors' sign.
+            # Where the layout mirrors the surface, the cofactors have the opposite sign.
             if wp.dot(wp.cross(x_u, x_v), n) < 0.0:
                 carried = -carried
             length = wp.length(carried)
-            # Where the shell folds to nothing there is no side to face.
+            # Where the shell folds to nothing, no normal is left.
             if length > 0.0:
                 face[i] = f
                 point[i] = base + rise * n
@@ -82,13 +83,12 @@ class Shell:
         self.device = device
         flat = np.zeros((3 * len(uv), 3), np.float32)
         flat[:, :2] = uv.reshape(-1, 2)
-        index = wp.array(np.arange(3 * len(uv), dtype=np.int32), dtype=wp.int32, device=device)
-        self._chart = wp.Mesh(points=self._vectors(flat), indices=index)
-        self._uv = wp.array(np.ascontiguousarray(uv, np.float32).reshape(-1, 2), dtype=wp.vec2, device=device)
+        self._chart = build_mesh(self._vectors(flat), np.arange(3 * len(uv)))
+        self._uv = upload(np.asarray(uv).reshape(-1, 2), wp.vec2, device)
         self._corner, self._normal = self._vectors(corner), self._vectors(normal)
 
     def _vectors(self, value: np.ndarray) -> wp.array:
-        return wp.array(np.ascontiguousarray(value, np.float32).reshape(-1, 3), dtype=wp.vec3, device=self.device)
+        return upload(np.asarray(value).reshape(-1, 3), wp.vec3, self.device)
 
     def carry(self, at: np.ndarray, facing: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return points and normals (N, 3) float32 on the shell, and the triangle of each (N,), -1 where (u, v) is in none.
@@ -109,11 +109,17 @@ class Shell:
         launch(
             shell_kernel,
             count,
-            [
-                self._vectors(at), self._vectors(facing), self._chart.id, self._uv, self._corner, self._normal, float(height),
+            inputs=[
+                self._vectors(at),
+                self._vectors(facing),
+                self._chart.id,
+                self._uv,
+                self._corner,
+                self._normal,
+                float(height),
             ],
-            [point, turned, face],
+            outputs=[point, turned, face],
             device=self.device,
             work=1000,
-        )  # fmt: skip
+        )
         return point.numpy().copy(), turned.numpy().copy(), face.numpy().copy()

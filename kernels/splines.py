@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 
 wp.set_module_options({"enable_backward": False})
 
@@ -19,20 +19,20 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def warp_kernel(
     start: int,
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    group: wp.array(dtype=wp.int32),
-    first: wp.array(dtype=wp.int32),
-    centers: wp.array(dtype=wp.vec3),
-    weights: wp.array(dtype=wp.vec3),
-    linear: wp.array(dtype=wp.mat33),
-    offset: wp.array(dtype=wp.vec3),
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    group: wp.array[wp.int32],
+    first: wp.array[wp.int32],
+    centers: wp.array[wp.vec3],
+    weights: wp.array[wp.vec3],
+    linear: wp.array[wp.mat33],
+    offset: wp.array[wp.vec3],
     # output
-    warped: wp.array(dtype=wp.vec3),
-    turned: wp.array(dtype=wp.vec3),
-    volume: wp.array(dtype=float),
+    warped: wp.array[wp.vec3],
+    turned: wp.array[wp.vec3],
+    volume: wp.array[wp.float32],
 ):
-    """Warped position, the normal carried by the Jacobian, and the Jacobian's determinant.
+    """Write W(x) = A x + b + Σ w_i |x - c_i|, the normal carried by the Jacobian J(x), and det J(x).
 
     The cross product of two carried tangents is the cofactor matrix times the normal: (J u) x (J v) = cof(J) (u x v).
     """
@@ -45,7 +45,7 @@ def warp_kernel(
     j2 = wp.vec3()
     for k in range(first[g], first[g + 1]):
         d = x - centers[k]
-        # The kernel has a kink at its centre; its mean slope there is 0, which the small number makes of 0 / 0.
+        # |r| has a kink at the centre, where its mean slope is 0: the small number turns the quotient 0 / 0 into that.
         r = wp.sqrt(wp.dot(d, d) + 1.0e-30)
         w = weights[k]
         moved += r * w
@@ -104,22 +104,22 @@ def warp_points(
     count, first = len(points), splines.first
     warped = wp.empty(count, dtype=wp.vec3, device=device)
     turned = wp.empty(count, dtype=wp.vec3, device=device)
-    volume = wp.empty(count, dtype=float, device=device)
-
-    def vectors(value: np.ndarray) -> wp.array:
-        return wp.array(np.ascontiguousarray(value, np.float32), dtype=wp.vec3, device=device)
-
+    volume = wp.empty(count, dtype=wp.float32, device=device)
     launch(
         warp_kernel,
         count,
-        [
-            vectors(points), vectors(normals), wp.array(np.ascontiguousarray(group, np.int32), dtype=wp.int32, device=device),
-            wp.array(np.ascontiguousarray(first, np.int32), dtype=wp.int32, device=device), vectors(splines.centers),
-            vectors(splines.weights), wp.array(np.ascontiguousarray(splines.linear, np.float32), dtype=wp.mat33, device=device),
-            vectors(splines.offset),
+        inputs=[
+            upload(points, wp.vec3, device),
+            upload(normals, wp.vec3, device),
+            upload(group, wp.int32, device),
+            upload(first, wp.int32, device),
+            upload(splines.centers, wp.vec3, device),
+            upload(splines.weights, wp.vec3, device),
+            upload(splines.linear, wp.mat33, device),
+            upload(splines.offset, wp.vec3, device),
         ],
-        [warped, turned, volume],
+        outputs=[warped, turned, volume],
         device=device,
         work=10 * len(splines.centers) / max(len(first) - 1, 1),
-    )  # fmt: skip
+    )
     return warped.numpy().copy(), turned.numpy().copy(), volume.numpy().copy()

@@ -1,8 +1,23 @@
-"""The papers' own measure: neighbours laid on the surface at a sample, squared distance to the nearest triangle there."""
+"""The metric of Breckon & Fisher: a target's neighbours are laid on the surface at a sample, and measured against it.
+
+The error is the weighted sum of the squared distances to the nearest triangle there.
+
+References
+----------
+[1] T. P. Breckon and R. B. Fisher, "Non-parametric 3D Surface Completion", 3DIM 2005.
+[2] T. P. Breckon and R. B. Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI
+    30(12), 2008.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
 import warp as wp
+
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.meshes import Frames, upload_frames
 
 wp.set_module_options({"enable_backward": False})
 
@@ -10,10 +25,36 @@ NOT_VIABLE = 1.0e30
 _NOT_VIABLE = wp.constant(NOT_VIABLE)
 _MOST_STEPS = wp.constant(64)
 
+# Threads that share a target's candidates. On a CPU they are few, since a thread drops candidates by the best it has seen itself.
+_STRIDE_CPU, _STRIDE_CUDA = 4, 1024
+
+
+@wp.struct
+class Ground:
+    """A surface over its base: vertices with their frames on the base, who is joined to whom, and which are samples."""
+
+    frames: Frames
+    # The vertices joined to vertex i are neighbours[offsets[i]] to neighbours[offsets[i + 1] - 1]; so are its faces.
+    offsets: wp.array[wp.int32]
+    neighbours: wp.array[wp.int32]
+    face_offsets: wp.array[wp.int32]
+    incident: wp.array[wp.int32]
+    faces: wp.array2d[wp.int32]
+    is_sample: wp.array[wp.uint8]
+
+
+@wp.struct
+class NeighborLists:
+    """What is known around each target: vertices from ``offsets`` on, and weights that sum to 1."""
+
+    offsets: wp.array[wp.int32]
+    vertex: wp.array[wp.int32]
+    weight: wp.array[wp.float32]
+
 
 @wp.func
 def squared_distance_to_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> float:
-    """Least squared distance from ``p`` to triangle (a, b, c) (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    """Return the least squared distance from ``p`` to triangle (a, b, c) (Ericson, Real-Time Collision Detection, 5.1.5)."""
     ab = b - a
     ac = c - a
     ap = p - a
@@ -52,24 +93,22 @@ def squared_distance_to_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3)
 def nearest_vertex(
     p: wp.vec3,
     first: int,
-    foot: wp.array(dtype=wp.vec3),
-    offsets: wp.array(dtype=wp.int32),
-    neighbours: wp.array(dtype=wp.int32),
+    ground: Ground,
 ) -> int:
-    """Vertex whose base point is nearest to ``p``, by descent over the triangulation's edges from ``first``.
+    """Return the vertex whose base point is nearest to ``p``, by descent over the triangulation's edges from ``first``.
 
     Exact on a Delaunay triangulation; a scan's own triangles may stop it one vertex short.
     """
     here = first
-    best = wp.length_sq(foot[here] - p)
+    best = wp.length_sq(ground.frames.foot[here] - p)
     step = int(0)
     while step < _MOST_STEPS:
         better = here
-        for e in range(offsets[here], offsets[here + 1]):
-            d = wp.length_sq(foot[neighbours[e]] - p)
+        for e in range(ground.offsets[here], ground.offsets[here + 1]):
+            d = wp.length_sq(ground.frames.foot[ground.neighbours[e]] - p)
             if d < best:
                 best = d
-                better = neighbours[e]
+                better = ground.neighbours[e]
         if better == here:
             step = _MOST_STEPS
         here = better
@@ -80,84 +119,192 @@ def nearest_vertex(
 @wp.kernel
 def surface_ssd_kernel(
     start: int,
-    target: wp.array(dtype=wp.int32),
-    list_offsets: wp.array(dtype=wp.int32),
-    listed: wp.array(dtype=wp.int32),
-    list_weight: wp.array(dtype=float),
-    position: wp.array(dtype=wp.vec3),
-    foot: wp.array(dtype=wp.vec3),
-    u: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
-    offsets: wp.array(dtype=wp.int32),
-    neighbours: wp.array(dtype=wp.int32),
-    face_offsets: wp.array(dtype=wp.int32),
-    incident: wp.array(dtype=wp.int32),
-    faces: wp.array2d(dtype=wp.int32),
-    is_sample: wp.array(dtype=wp.uint8),
-    sample_foot: wp.array(dtype=wp.vec3),
-    sample_u: wp.array(dtype=wp.vec3),
-    sample_v: wp.array(dtype=wp.vec3),
-    sample_vertex: wp.array(dtype=wp.int32),
-    rotation: wp.array(dtype=wp.vec2),
+    target: wp.array[wp.int32],
+    lists: NeighborLists,
+    position: wp.array[wp.vec3],
+    ground: Ground,
+    samples: Frames,
+    sample_vertex: wp.array[wp.int32],
+    rotation: wp.array[wp.vec2],
     stride: int,
     factor: float,
     # output
-    cost: wp.array2d(dtype=float),
+    cost: wp.array2d[wp.float32],
 ):
-    """Weighted squared distances of a target's textured neighbours to the surface at every ``stride``-th candidate.
+    """Write Σ_n w_n d²(n) over a target's textured neighbours n, for every ``stride``-th candidate.
 
-    Eq. 2 of paper 001, with paper 000's rule of viability: the partner vertex nearest on the base, and the corners of the
-    triangle nearest in space, must all be samples. A candidate is dropped once its sum exceeds ``factor`` times the best
-    that this thread has seen; what is within ``factor`` of the best of all is never dropped.
+    d(n) is the distance of n, laid on the surface at the candidate, to the nearest triangle there: equation 2 of [2]. Viable
+    are, after [1], candidates where the vertex that is nearest to n on the base, and the corners of the triangle nearest to n
+    in space, are all samples. A candidate is dropped once its sum exceeds ``factor`` times the best that this thread has
+    seen; what is within ``factor`` of the best of all is never dropped.
     """
     i, first = wp.tid()
     row = start + i
     t = target[row]
-    ut = u[t]
-    vt = v[t]
+    ut = ground.frames.u[t]
+    vt = ground.frames.v[t]
     nt = wp.cross(ut, vt)
-    samples = sample_foot.shape[0]
+    sample_count = samples.foot.shape[0]
     best = float(_NOT_VIABLE)
     c = first
     while c < cost.shape[1]:
-        s = c % samples
-        turn = rotation[c / samples]
-        us = sample_u[s]
-        vs = sample_v[s]
+        s = c % sample_count
+        turn = rotation[c / sample_count]
+        us = samples.u[s]
+        vs = samples.v[s]
         ns = wp.cross(us, vs)
         total = float(0.0)
         partner = sample_vertex[s]
-        e = list_offsets[row]
-        while e < list_offsets[row + 1]:
-            n = listed[e]
-            r = foot[n] - foot[t]
+        e = lists.offsets[row]
+        while e < lists.offsets[row + 1]:
+            n = lists.vertex[e]
+            r = ground.frames.foot[n] - ground.frames.foot[t]
             x = wp.dot(r, ut)
             y = wp.dot(r, vt)
-            p = sample_foot[s] + (turn[0] * x - turn[1] * y) * us + (turn[1] * x + turn[0] * y) * vs + wp.dot(r, nt) * ns
-            partner = nearest_vertex(p, partner, foot, offsets, neighbours)
-            r = position[n] - foot[t]
+            p = samples.foot[s] + (turn[0] * x - turn[1] * y) * us + (turn[1] * x + turn[0] * y) * vs + wp.dot(r, nt) * ns
+            partner = nearest_vertex(p, partner, ground)
+            r = position[n] - ground.frames.foot[t]
             x = wp.dot(r, ut)
             y = wp.dot(r, vt)
-            p = sample_foot[s] + (turn[0] * x - turn[1] * y) * us + (turn[1] * x + turn[0] * y) * vs + wp.dot(r, nt) * ns
+            p = samples.foot[s] + (turn[0] * x - turn[1] * y) * us + (turn[1] * x + turn[0] * y) * vs + wp.dot(r, nt) * ns
             nearest = float(_NOT_VIABLE)
             viable = int(0)
-            if is_sample[partner] != wp.uint8(0):
-                for k in range(face_offsets[partner], face_offsets[partner + 1]):
-                    f = incident[k]
-                    i0 = faces[f, 0]
-                    i1 = faces[f, 1]
-                    i2 = faces[f, 2]
+            if ground.is_sample[partner] != wp.uint8(0):
+                for k in range(ground.face_offsets[partner], ground.face_offsets[partner + 1]):
+                    f = ground.incident[k]
+                    i0 = ground.faces[f, 0]
+                    i1 = ground.faces[f, 1]
+                    i2 = ground.faces[f, 2]
                     d = squared_distance_to_triangle(p, position[i0], position[i1], position[i2])
                     if d < nearest:
                         nearest = d
                         viable = int(0)
-                        if is_sample[i0] != wp.uint8(0) and is_sample[i1] != wp.uint8(0) and is_sample[i2] != wp.uint8(0):
+                        if (
+                            ground.is_sample[i0] != wp.uint8(0)
+                            and ground.is_sample[i1] != wp.uint8(0)
+                            and ground.is_sample[i2] != wp.uint8(0)
+                        ):
                             viable = int(1)
-            total = total + list_weight[e] * nearest
+            total = total + lists.weight[e] * nearest
             if viable == 0 or total > factor * best:
                 total = float(_NOT_VIABLE)
-                e = list_offsets[row + 1]
+                e = lists.offsets[row + 1]
             e = e + 1
         cost[row, c] = total
         best = wp.min(best, total)
         c = c + stride
+
+
+@dataclass(frozen=True)
+class SurfaceMesh:
+    """A triangulated surface over a base.
+
+    Attributes
+    ----------
+    foot, u, v : (N, 3) arrays
+        Vertices' base points, and unit vectors along the base; lengths in a unit in which heights are about 1.
+    offsets, neighbours : (N + 1,), (E,) int arrays
+        Which vertices are joined by an edge.
+    face_offsets, incident : (N + 1,), (3 F,) int arrays
+        Which faces have a vertex as corner.
+    faces : (F, 3) int array
+    """
+
+    foot: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    offsets: np.ndarray
+    neighbours: np.ndarray
+    face_offsets: np.ndarray
+    incident: np.ndarray
+    faces: np.ndarray
+
+
+class SurfaceMatcher:
+    """Compares targets with all samples at all rotations by distances to the surface.
+
+    Candidate ``rotation * S + sample`` is one of S samples at one of R rotations.
+
+    Parameters
+    ----------
+    mesh : SurfaceMesh
+    turns : (R, 2) array
+        Cosine and sine of each rotation.
+    device : str
+        From `choose_device`.
+    """
+
+    def __init__(self, mesh: SurfaceMesh, turns: np.ndarray, device: str) -> None:
+        self.device = device
+        self._rotations = len(turns)
+        self._turns = upload(turns, wp.vec2, device)
+        self._ground = Ground()
+        self._ground.frames = upload_frames(mesh.foot, mesh.u, mesh.v, device)
+        for name in ("offsets", "neighbours", "face_offsets", "incident", "faces"):
+            setattr(self._ground, name, upload(getattr(mesh, name), wp.int32, device))
+        self._samples = Frames()
+
+    def take_samples(self, foot: np.ndarray, u: np.ndarray, v: np.ndarray, vertex: np.ndarray, is_sample: np.ndarray) -> None:
+        """Set what targets are compared with.
+
+        Parameters
+        ----------
+        foot, u, v : (S, 3) arrays
+            Samples' base points and frames, in the mesh's unit.
+        vertex : (S,) int array
+            A vertex at or near each sample, where the descent to its neighbours begins.
+        is_sample : (N,) bool array
+            The mesh's vertices that a match may use.
+        """
+        self._samples = upload_frames(foot, u, v, self.device)
+        self._sample_vertex = upload(vertex, wp.int32, self.device)
+        self._ground.is_sample = upload(is_sample, wp.uint8, self.device)
+
+    def costs(
+        self,
+        targets: np.ndarray,
+        position: np.ndarray,
+        offsets: np.ndarray,
+        neighbours: np.ndarray,
+        weight: np.ndarray,
+        factor: float,
+    ) -> wp.array:
+        """Return the error (T, R * S) float32 of every candidate, `NOT_VIABLE` where it is none.
+
+        Parameters
+        ----------
+        targets : (T,) int array
+            Vertices.
+        position : (N, 3) array
+            All vertices' places on the surface, in the mesh's unit; anything where they are not known.
+        offsets, neighbours, weight : (T + 1,), (K,), (K,) arrays
+            The known vertices around each target, and their weights, which sum to 1.
+        factor : float
+            Candidates worse than this times the best may be dropped: they get `NOT_VIABLE` too.
+        """
+        candidates = len(self._sample_vertex) * self._rotations
+        stride = min(candidates, _STRIDE_CPU if self.device.startswith("cpu") else _STRIDE_CUDA)
+        lists = NeighborLists()
+        lists.offsets = upload(offsets, wp.int32, self.device)
+        lists.vertex = upload(neighbours, wp.int32, self.device)
+        lists.weight = upload(weight, wp.float32, self.device)
+        cost = wp.full((len(targets), candidates), NOT_VIABLE, dtype=wp.float32, device=self.device)
+        launch(
+            surface_ssd_kernel,
+            (len(targets), stride),
+            inputs=[
+                upload(targets, wp.int32, self.device),
+                lists,
+                upload(position, wp.vec3, self.device),
+                self._ground,
+                self._samples,
+                self._sample_vertex,
+                self._turns,
+                stride,
+                float(factor),
+            ],
+            outputs=[cost],
+            device=self.device,
+            grain=1,
+        )
+        return cost

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
-from intaglio.kernels.pictures import Picture, at_level
+from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.meshes import build_mesh
+from intaglio.kernels.pictures import Picture, Pyramid, at_level
 
 wp.set_module_options({"enable_backward": False})
 
-# Samples along the longer axis of a texel's footprint, at most.
+# The most samples along the longer axis of a texel's footprint.
 _MOST_TAPS = wp.constant(8)
 
 
@@ -29,7 +30,7 @@ class Pinhole:
 
 @wp.func
 def project(camera: Pinhole, point: wp.vec3) -> wp.vec3:
-    """Pixel (x, y) of a point, centres at whole numbers, and its depth; depth -1 where the camera cannot see it at all."""
+    """Return the pixel (x, y) of a point, centres at whole numbers, and its depth; depth -1 where the camera can't see it."""
     seen = camera.turn * point + camera.shift
     result = wp.vec3(0.0, 0.0, -1.0)
     if seen[2] > 0.0:
@@ -48,17 +49,17 @@ def project(camera: Pinhole, point: wp.vec3) -> wp.vec3:
 @wp.kernel
 def visible_kernel(
     start: int,
-    points: wp.array(dtype=wp.vec3),
+    points: wp.array[wp.vec3],
     mesh: wp.uint64,
     camera: Pinhole,
     width: float,
     height: float,
     clearance: float,
     # output
-    pixel: wp.array(dtype=wp.vec2),
-    visible: wp.array(dtype=wp.uint8),
+    pixel: wp.array[wp.vec2],
+    visible: wp.array[wp.uint8],
 ):
-    """Project points, and tell which lie in the picture with nothing between them and the camera."""
+    """Write the pixel K (R X + t) of each point X, and 1 if it is in the picture and nothing hides X from the camera, else 0."""
     i = start + wp.tid()
     p = points[i]
     at = project(camera, p)
@@ -78,40 +79,39 @@ def visible_kernel(
 @wp.kernel
 def sample_points_kernel(
     start: int,
-    pixel: wp.array(dtype=wp.vec2),
-    spacing: wp.array(dtype=float),
-    picture: wp.array(dtype=wp.vec3),
-    levels: wp.array2d(dtype=wp.int32),
+    pixel: wp.array[wp.vec2],
+    spacing: wp.array[wp.float32],
+    picture: Pyramid,
     # output
-    color: wp.array(dtype=wp.vec3),
+    color: wp.array[wp.vec3],
 ):
-    """Sample a picture at pixels, averaged over ``spacing`` pixels."""
+    """Write a picture's colour at each pixel, averaged over ``spacing`` pixels: its pyramid at level log2(spacing)."""
     i = start + wp.tid()
-    color[i] = at_level(picture, levels, wp.log2(wp.max(spacing[i], 1.0)), pixel[i][0], pixel[i][1])
+    color[i] = at_level(picture, wp.log2(wp.max(spacing[i], 1.0)), pixel[i][0], pixel[i][1])
 
 
 @wp.kernel
 def sample_texels_kernel(
     start: int,
-    face: wp.array2d(dtype=wp.int32),
-    weight: wp.array2d(dtype=wp.vec2),
-    wanted: wp.array(dtype=wp.uint8),
-    points: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    faces: wp.array2d(dtype=wp.int32),
-    along_u: wp.array(dtype=wp.vec3),
-    along_v: wp.array(dtype=wp.vec3),
+    face: wp.array2d[wp.int32],
+    weight: wp.array2d[wp.vec2],
+    wanted: wp.array[wp.uint8],
+    points: wp.array[wp.vec3],
+    normals: wp.array[wp.vec3],
+    faces: wp.array2d[wp.int32],
+    along_u: wp.array[wp.vec3],
+    along_v: wp.array[wp.vec3],
     camera: Pinhole,
-    picture: wp.array(dtype=wp.vec3),
-    levels: wp.array2d(dtype=wp.int32),
+    picture: Pyramid,
     gain: wp.vec3,
     # output
-    color: wp.array2d(dtype=wp.vec4),
+    color: wp.array2d[wp.vec4],
 ):
-    """Sample a picture over the footprint of every texel of the wanted faces: colour times gain, and <N, V> in the fourth.
+    """Write gain times the picture's colour over each texel's footprint, and <N, V> in the fourth, for the wanted faces.
 
-    The footprint is the ellipse by which the texel's square appears in the picture: samples along its longer axis, each
-    averaged over its shorter one. (Yamauchi et al., section 4.1, first case, for the weight.)
+    The footprint is the ellipse by which the texel's square appears in the picture, whose axes are the eigenvectors of J J^T.
+    Samples are taken along its longer axis, each averaged over its shorter one. The weight <N, V> is the first case of
+    Yamauchi et al., section 4.1.
     """
     y, x = wp.tid()
     y = start + y
@@ -134,7 +134,7 @@ def sample_texels_kernel(
             uy = beside_u[1] - here[1]
             vx = beside_v[0] - here[0]
             vy = beside_v[1] - here[1]
-            # Axes of the ellipse: eigenvectors of J J^T.
+            # The ellipse's axes are the eigenvectors of J J^T, J = [[ux, vx], [uy, vy]].
             xx = ux * ux + vx * vx
             yy = uy * uy + vy * vy
             xy = ux * uy + vx * vy
@@ -151,7 +151,7 @@ def sample_texels_kernel(
             total = wp.vec3(0.0, 0.0, 0.0)
             for k in range(taps):
                 off = (float(k) + 0.5) / float(taps) - 0.5
-                total += at_level(picture, levels, level, here[0] + off * step_x, here[1] + off * step_y)
+                total += at_level(picture, level, here[0] + off * step_x, here[1] + off * step_y)
             total = wp.cw_mul(total / float(taps), gain)
             result = wp.vec4(total[0], total[1], total[2], facing)
     color[y, x] = result
@@ -170,10 +170,10 @@ class SurfaceViews:
     def __init__(self, vertices: np.ndarray, normals: np.ndarray, faces: np.ndarray, device: str) -> None:
         self.device = device
         self._center = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        self._points = wp.array((vertices - self._center).astype(np.float32), dtype=wp.vec3, device=device)
-        self._normals = wp.array(normals.astype(np.float32), dtype=wp.vec3, device=device)
-        self._faces = wp.array(np.ascontiguousarray(faces, np.int32), dtype=wp.int32, ndim=2, device=device)
-        self._mesh = wp.Mesh(points=self._points, indices=self._faces.flatten())
+        self._points = upload(vertices - self._center, wp.vec3, device)
+        self._normals = upload(normals, wp.vec3, device)
+        self._faces = upload(faces, wp.int32, device)
+        self._mesh = build_mesh(self._points, faces)
 
     def pinhole(self, matrix: np.ndarray, turn: np.ndarray, shift: np.ndarray, distortion: np.ndarray, reach: float) -> Pinhole:
         """Return a camera for the kernels: pixel = matrix (turn X + shift); points further than ``reach`` are not seen."""
@@ -195,7 +195,7 @@ class SurfaceViews:
         pixel = wp.empty(count, dtype=wp.vec2, device=self.device)
         seen = wp.empty(count, dtype=wp.uint8, device=self.device)
         inputs = [self._points, self._mesh.id, camera, float(size[0]), float(size[1]), float(clearance)]
-        launch(visible_kernel, count, inputs, [pixel, seen], device=self.device, work=1000)
+        launch(visible_kernel, count, inputs=inputs, outputs=[pixel, seen], device=self.device, work=1000)
         return pixel.numpy(), seen.numpy().astype(bool)
 
     def texels(
@@ -214,12 +214,11 @@ class SurfaceViews:
         """Return colours (M, 3) of a picture at pixels (M, 2), averaged over ``spacing`` (M,) pixels."""
         out = wp.empty(len(pixel), dtype=wp.vec3, device=self.device)
         inputs = [
-            wp.array(np.ascontiguousarray(pixel, np.float32), dtype=wp.vec2, device=self.device),
-            wp.array(np.ascontiguousarray(spacing, np.float32), dtype=float, device=self.device),
-            picture.values,
-            picture.levels,
+            upload(pixel, wp.vec2, self.device),
+            upload(spacing, wp.float32, self.device),
+            picture.pyramid,
         ]
-        launch(sample_points_kernel, len(pixel), inputs, [out], device=self.device, work=100)
+        launch(sample_points_kernel, len(pixel), inputs=inputs, outputs=[out], device=self.device, work=100)
         return out.numpy()
 
 
@@ -238,9 +237,9 @@ class TexelSampler:
     def __init__(self, views: SurfaceViews, face: np.ndarray, weight: np.ndarray, steps: np.ndarray) -> None:
         self._views = views
         device = views.device
-        self._face = wp.array(np.ascontiguousarray(face), dtype=wp.int32, ndim=2, device=device)
-        self._weight = wp.array(np.ascontiguousarray(weight), dtype=wp.vec2, device=device)
-        self._steps = [wp.array(np.ascontiguousarray(s, np.float32), dtype=wp.vec3, device=device) for s in steps]
+        self._face = upload(face, wp.int32, device)
+        self._weight = upload(weight, wp.vec2, device)
+        self._steps = [upload(s, wp.vec3, device) for s in steps]
 
     def sample(self, camera: Pinhole, picture: Picture, wanted: np.ndarray, gain: np.ndarray) -> np.ndarray:
         """Return colours times ``gain`` (3,), and <N, V>, of the texels of the ``wanted`` (F,) faces: (H, W, 4), else zero."""
@@ -249,17 +248,23 @@ class TexelSampler:
         inputs = [
             self._face,
             self._weight,
-            wp.array(np.ascontiguousarray(wanted, np.uint8), dtype=wp.uint8, device=views.device),
+            upload(wanted, wp.uint8, views.device),
             views._points,
             views._normals,
             views._faces,
             *self._steps,
             camera,
-            picture.values,
-            picture.levels,
+            picture.pyramid,
             wp.vec3(*map(float, gain)),
         ]
-        launch(sample_texels_kernel, self._face.shape, inputs, [out], device=views.device, work=100 * self._face.shape[1])
+        launch(
+            sample_texels_kernel,
+            self._face.shape,
+            inputs=inputs,
+            outputs=[out],
+            device=views.device,
+            work=100 * self._face.shape[1],
+        )
         return out.numpy()
 
 

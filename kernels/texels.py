@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from intaglio.kernels.launch import launch
+from intaglio.kernels.launch import launch, upload
 
 wp.set_module_options({"enable_backward": False})
 
@@ -13,24 +13,27 @@ wp.set_module_options({"enable_backward": False})
 _TILE = 32
 _TILE_SIDE = wp.constant(_TILE)
 
-# Texels this far outside a triangle, in its barycentric coordinates, still belong to it where no triangle holds them, so that
-# rounding leaves no gaps between neighbours.
+# A texel that no triangle holds belongs to one that it is outside of by no more than this, in barycentric coordinates: rounding
+# would leave gaps between neighbours otherwise.
 _SLACK = wp.constant(-1.0e-5)
 
 
 @wp.kernel
 def rasterize_kernel(
     start: int,
-    uv: wp.array(dtype=wp.vec2),
-    faces: wp.array2d(dtype=wp.int32),
-    first: wp.array(dtype=wp.int32),
-    member: wp.array(dtype=wp.int32),
+    uv: wp.array[wp.vec2],
+    faces: wp.array2d[wp.int32],
+    first: wp.array[wp.int32],
+    member: wp.array[wp.int32],
     tiles_across: int,
     # output
-    face: wp.array2d(dtype=wp.int32),
-    weight: wp.array2d(dtype=wp.vec2),
+    face: wp.array2d[wp.int32],
+    weight: wp.array2d[wp.vec2],
 ):
-    """Write to each texel of one tile the first triangle that holds its centre, and the weights of its first two corners."""
+    """Write the first triangle that holds each texel's centre, for one tile, and the barycentric weights of two corners.
+
+    The weight of a corner is the area of the triangle that the centre spans with the opposite side, over the whole area.
+    """
     tile = start + wp.tid()
     top = (tile / tiles_across) * _TILE_SIDE
     left = (tile % tiles_across) * _TILE_SIDE
@@ -72,7 +75,7 @@ def rasterize(uv: np.ndarray, faces: np.ndarray, height: int, width: int, device
     placed = np.stack([uv[:, 0] * width, (1 - uv[:, 1]) * height], axis=1)
     across, down = -(-width // _TILE), -(-height // _TILE)
     corner = placed[faces]
-    # One texel more on each side than the triangle covers, for the slack.
+    # A triangle's tiles reach one texel farther than it does, because of the slack.
     low = np.clip(np.floor((corner.min(axis=1) - 1) / _TILE), 0, (across - 1, down - 1)).astype(np.int64)
     high = np.clip(np.floor((corner.max(axis=1) + 1) / _TILE), 0, (across - 1, down - 1)).astype(np.int64)
     span = high - low + 1
@@ -82,15 +85,15 @@ def rasterize(uv: np.ndarray, faces: np.ndarray, height: int, width: int, device
     row, column = low[member, 1] + within // span[member, 0], low[member, 0] + within % span[member, 0]
     tile = row * across + column
     order = np.argsort(tile, kind="stable")
-    first = np.searchsorted(tile[order], np.arange(across * down + 1)).astype(np.int32)
+    first = np.searchsorted(tile[order], np.arange(across * down + 1))
     face = wp.full((height, width), -1, dtype=wp.int32, device=device)
     weight = wp.zeros((height, width), dtype=wp.vec2, device=device)
     inputs = [
-        wp.array(placed.astype(np.float32), dtype=wp.vec2, device=device),
-        wp.array(np.ascontiguousarray(faces, np.int32), dtype=wp.int32, ndim=2, device=device),
-        wp.array(first, dtype=wp.int32, device=device),
-        wp.array(member[order].astype(np.int32), dtype=wp.int32, device=device),
+        upload(placed, wp.vec2, device),
+        upload(faces, wp.int32, device),
+        upload(first, wp.int32, device),
+        upload(member[order], wp.int32, device),
         across,
     ]
-    launch(rasterize_kernel, across * down, inputs, [face, weight], device=device, work=20_000)
+    launch(rasterize_kernel, across * down, inputs=inputs, outputs=[face, weight], device=device, work=20_000)
     return face.numpy(), weight.numpy()

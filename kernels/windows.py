@@ -9,10 +9,20 @@ import numpy as np
 import warp as wp
 
 from intaglio.kernels.lanes import LANES, UNUSABLE, vec16
-from intaglio.kernels.launch import launch, single_threaded_blas
-from intaglio.kernels.window_search import TOGETHER, absolute_search, gather_windows, pick_pixels, propose, squared_search
+from intaglio.kernels.launch import launch, single_threaded_blas, upload
+from intaglio.kernels.window_search import (
+    TOGETHER,
+    LevelPixels,
+    SampleWindows,
+    Window,
+    absolute_search_kernel,
+    gather_windows_kernel,
+    pick_pixels_kernel,
+    propose_kernel,
+    squared_search_kernel,
+)
 
-# Bytes of sample neighbourhoods that a thread compares with one target after the other: they stay in its cache.
+# Bytes of sample neighbourhoods that a thread compares with one target after the other. So many stay in its cache.
 _CHUNK_BYTES = 200_000
 
 
@@ -65,40 +75,45 @@ class WindowSearch:
         device: str,
     ) -> None:
         self.device = device
-        self._window, self._squared, self._wrap = window, int(squared), int(wrap)
-        maps, height, self._width = level.planes.shape
+        self._squared = int(squared)
+        self._window = Window()
+        self._window.side, self._window.wrap = window, int(wrap)
+        maps, height, width = level.planes.shape
         self._count = len(candidates)
-        flat = candidates[:, 0] * self._width + candidates[:, 1]
-        self._maps, self._positions = maps, rows.shape[1] // maps
+        flat = candidates[:, 0] * width + candidates[:, 1]
         signs = _signs(level.planes)
+        self._sign = upload(signs, wp.float32, device)
+        self._sample = sample = SampleWindows()
+        sample.maps, sample.positions, sample.width = maps, rows.shape[1] // maps, width
         rows = np.concatenate([_summaries(rows, signs), rows], axis=1)
-        self._sign = wp.array(signs, dtype=float, device=device)
-        self._elements = rows.shape[1]
+        sample.elements = rows.shape[1]
         padded = -len(rows) % (LANES * int(TOGETHER))
-        # Padding costs more than any bound.
-        rows = np.concatenate([rows, np.full((padded, self._elements), UNUSABLE, np.float32)])
-        self._groups = len(rows) // LANES
-        blocked = np.ascontiguousarray(rows.reshape(self._groups, LANES, -1).transpose(0, 2, 1))
-        self._numbers = wp.array(blocked.ravel(), dtype=float, device=device)
-        self._lanes = wp.array(ptr=self._numbers.ptr, dtype=vec16, shape=(blocked.size // LANES,), device=device)
-        self._place = wp.array(np.concatenate([flat, np.zeros(padded)]).astype(np.int32), dtype=wp.int32, device=device)
-        slot = np.full(height * self._width, -1, np.int32)
+        # The cost of a neighbourhood of padding is above any bound.
+        rows = np.concatenate([rows, np.full((padded, sample.elements), UNUSABLE, np.float32)])
+        sample.groups = len(rows) // LANES
+        blocked = rows.reshape(sample.groups, LANES, -1).transpose(0, 2, 1)
+        sample.numbers = upload(blocked.ravel(), wp.float32, device)
+        sample.lanes = wp.array(ptr=sample.numbers.ptr, dtype=vec16, shape=(blocked.size // LANES,), device=device)
+        sample.place = upload(np.concatenate([flat, np.zeros(padded)]), wp.int32, device)
+        slot = np.full(height * width, -1, np.int32)
         slot[flat] = np.arange(len(flat))
-        self._slot = wp.array(slot, dtype=wp.int32, device=device)
-        self._chunk = int(TOGETHER) * max(1, _CHUNK_BYTES // (int(TOGETHER) * 4 * LANES * self._elements))
-        self._chunks = -(-self._groups // self._chunk)
-
-        self._planes = wp.array(level.planes.reshape(maps, -1), dtype=float, device=device)
-        self._canvas = wp.array(np.ascontiguousarray(level.canvas, np.int32), dtype=wp.int32, device=device)
+        sample.slot = upload(slot, wp.int32, device)
+        self._chunk = int(TOGETHER) * max(1, _CHUNK_BYTES // (int(TOGETHER) * 4 * LANES * sample.elements))
+        self._chunks = -(-sample.groups // self._chunk)
         self._has_coarse = int(coarse is not None)
-        above = level if coarse is None else coarse
-        self._coarse_planes = wp.array(above.planes.reshape(maps, -1), dtype=float, device=device)
-        self._coarse_canvas = wp.array(np.ascontiguousarray(above.canvas, np.int32), dtype=wp.int32, device=device)
+        self._level = self._upload(level)
+        self._coarse = self._upload(level if coarse is None else coarse)
+
+    def _upload(self, level: Level) -> LevelPixels:
+        pixels = LevelPixels()
+        pixels.planes = upload(level.planes.reshape(len(level.planes), -1), wp.float32, self.device)
+        pixels.canvas = upload(level.canvas, wp.int32, self.device)
+        return pixels
 
     @property
     def canvas(self) -> np.ndarray:
         """(h, w) int32: flat index of the sample pixel that each pixel copies."""
-        return np.array(self._canvas.numpy())
+        return np.array(self._level.canvas.numpy())
 
     def synthesise(
         self, targets: np.ndarray, waves: np.ndarray, exhaustive: np.ndarray, uniform: np.ndarray, done: Any = None
@@ -121,64 +136,73 @@ class WindowSearch:
         if len(targets) == 0:
             return
         device = self.device
-        target = wp.array(np.ascontiguousarray(targets, np.int32), dtype=wp.vec2i, device=device)
-        searched = wp.array(exhaustive.astype(np.uint8), dtype=wp.uint8, device=device)
-        random = wp.array(uniform.astype(np.float32), dtype=float, device=device)
+        sample, canvas = self._sample, self._level.canvas
+        target = upload(targets, wp.vec2i, device)
+        searched = upload(exhaustive, wp.uint8, device)
+        random = upload(uniform, wp.float32, device)
         most = int(np.diff(waves).max(initial=1))
-        element = wp.zeros((most, self._elements), dtype=wp.int32, device=device)
-        value = wp.zeros((most, self._elements), dtype=float, device=device)
+        element = wp.zeros((most, sample.elements), dtype=wp.int32, device=device)
+        value = wp.zeros((most, sample.elements), dtype=wp.float32, device=device)
         count = wp.zeros(most, dtype=wp.int32, device=device)
-        bound = wp.zeros(most, dtype=float, device=device)
+        bound = wp.zeros(most, dtype=wp.float32, device=device)
         pixel = wp.zeros(most, dtype=wp.int32, device=device)
-        cost = wp.zeros((most, self._chunks), dtype=float, device=device)
+        cost = wp.zeros((most, self._chunks), dtype=wp.float32, device=device)
         nearest = wp.zeros((most, self._chunks), dtype=wp.int32, device=device)
-        kernel = squared_search if self._squared else absolute_search
+        kernel = squared_search_kernel if self._squared else absolute_search_kernel
         for first, stop in zip(waves[:-1].tolist(), waves[1:].tolist(), strict=True):
             size = stop - first
             if size == 0:
                 continue
             self._launch(
-                gather_windows,
+                gather_windows_kernel,
                 size,
-                [
-                    first, target, self._window, self._wrap, self._canvas, self._planes, self._coarse_canvas,
-                    self._coarse_planes, self._has_coarse, self._sign, self._positions,
+                inputs=[
+                    first,
+                    target,
+                    self._window,
+                    self._level,
+                    self._coarse,
+                    self._has_coarse,
+                    self._sign,
+                    sample.positions,
                 ],
-                [element, value, count],
-                work=4 * self._elements,
-            )  # fmt: skip
+                outputs=[element, value, count],
+                work=4 * sample.elements,
+            )
             self._launch(
-                propose,
+                propose_kernel,
                 size,
-                [
-                    first, target, searched, self._window, self._wrap, self._canvas, self._width, self._slot,
-                    self._elements, self._numbers, element, value, self._positions, self._maps, self._squared,
-                ],
-                [count, bound, pixel],
-                work=8 * self._window * self._elements,
-            )  # fmt: skip
+                inputs=[first, target, searched, self._window, canvas, sample, element, value, self._squared],
+                outputs=[count, bound, pixel],
+                work=8 * self._window.side * sample.elements,
+            )
             self._launch(
                 kernel,
                 (self._chunks, size),
-                [
-                    self._groups, self._chunk, self._elements, self._lanes, self._place, element, value, count, bound,
-                    self._positions, self._maps, 1 / self._maps if self._squared else 1.0,
+                inputs=[
+                    sample,
+                    self._chunk,
+                    element,
+                    value,
+                    count,
+                    bound,
+                    1 / sample.maps if self._squared else 1.0,
                 ],
-                [cost, nearest],
-                work=size * self._chunk * self._elements / 3,
-            )  # fmt: skip
+                outputs=[cost, nearest],
+                work=size * self._chunk * sample.elements / 3,
+            )
             self._launch(
-                pick_pixels,
+                pick_pixels_kernel,
                 size,
-                [first, target, count, cost, nearest, pixel, random, self._place, self._count],
-                [self._canvas],
+                inputs=[first, target, count, cost, nearest, pixel, random, sample.place, self._count],
+                outputs=[canvas],
                 work=2 * self._chunks,
             )
             if done is not None:
                 done(stop)
 
     def _launch(self, kernel: wp.Kernel, dim: Any, inputs: list[Any], outputs: list[Any], work: float) -> None:
-        launch(kernel, dim, inputs, outputs, device=self.device, work=work)
+        launch(kernel, dim, inputs=inputs, outputs=outputs, device=self.device, work=work)
 
 
 def neighbourhoods(level: Level, coarse: Level | None, candidates: np.ndarray, window: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A textured mesh seen through a calibrated camera: unlit, to be compared with photographs, or under distant lights."""
+"""Pictures of a textured mesh through a calibrated camera: unlit, to compare with photographs, or under distant lights."""
 
 from __future__ import annotations
 
@@ -33,32 +33,58 @@ def through_camera(
     Parameters
     ----------
     vertices, faces, uv : (N, 3), (F, 3), (N, 2) arrays
+        Positions in any unit of length, triangles, and texture coordinates; (0, 0) is the texture's lower left corner.
     image : (H', W', 3) array
-        Linear texture, row 0 at v = 1.
-    matrix, turn, shift : (3, 3), (3, 3), (3,) arrays
-        Intrinsics in pixels (centres at whole numbers), rotation and translation; x right, y down, z forwards.
-    size : (rows, columns)
+        Linear texture, clipped to [0, 1]; row 0 is at v = 1.
+    matrix : (3, 3) array
+        The camera's intrinsics in pixels, K; the centre of the first pixel is (0, 0).
+    turn : (3, 3) array
+        Rotation R from the mesh's coordinates to the camera's; there x is right, y down and z forwards.
+    shift : (3,) array
+        Translation t, in the mesh's unit.
+    size : (int, int)
+        Rows and columns of the picture.
     lights : sequence of ((3,) array, float), optional
-        Vectors towards distant lights and their irradiances, for a matte surface with cast shadows; None shows the texture's
-        own values, unlit.
-    ambient : float
-        Radiance from all around, with lights.
-    samples : int
-        Paths per pixel.
-    seed : int
+        Vectors towards distant lights, in the mesh's coordinates, and their irradiances, for a matte surface with cast
+        shadows. Default None: the texture's own values, unlit.
+    ambient : float, optional
+        Radiance from all around, beside lights. Default 0.
+    samples : int, optional
+        Paths per pixel. Default 16.
+    seed : int, optional
+        Seed of the paths: the same seed gives the same picture. Default 0.
 
     Returns
     -------
     image : (H, W, 3) float32 array
-        Linear; 0 where nothing is seen.
+        Linear Rec.709 values; 0 where nothing is seen.
     alpha : (H, W) float32 array
-        Share of each pixel that shows the mesh.
+        Share of each pixel that shows the mesh, from 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If there are lights and the camera's pixels are not square, there is not one texture coordinate per vertex, or there
+        are no vertices or faces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import through_camera
+    >>> vertices = np.array([[-9.0, -9, 5], [9, -9, 5], [9, 9, 5], [-9, 9, 5]])
+    >>> faces, uv = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    >>> matrix = np.array([[16.0, 0, 7.5], [0, 16.0, 7.5], [0, 0, 1]])
+    >>> texture = np.full((4, 4, 3), 0.25)
+    >>> camera = {"matrix": matrix, "turn": np.eye(3), "shift": np.zeros(3), "size": (16, 16)}
+    >>> image, alpha = through_camera(vertices, faces, uv, texture, **camera, samples=4)
+    >>> image[8, 8].round(3), float(alpha.min())
+    (array([0.25, 0.25, 0.25], dtype=float32), 1.0)
     """
     mi = mitsuba()
     focal, other, skew = float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 1])
     seen = np.asarray(vertices, np.float64) @ np.asarray(turn, np.float64).T + shift
-    # Mitsuba's pixels are square and its axes upright: what the camera stretches, the geometry is stretched by instead. Light
-    # would fall differently on that, so lit scenes must have square pixels.
+    # Mitsuba's pixels are square and its axes perpendicular, so the geometry is stretched instead of the picture. That would
+    # change how light falls on it, so lit scenes must have square pixels.
     stretched = np.stack([seen[:, 0] + skew / focal * seen[:, 1], seen[:, 1] * other / focal, seen[:, 2]], axis=1)
     if lights is not None and (abs(other / focal - 1) > 1e-6 or abs(skew) > 1e-6 * focal):
         raise ValueError("lit pictures need square pixels: equal focal lengths and no skew")

@@ -1,4 +1,4 @@
-"""A simulated capture: a height field photographed from straight above under many distant lights. How ground truth is made."""
+"""Simulated captures of a height field from straight above under many distant lights, to make ground truth."""
 
 from __future__ import annotations
 
@@ -18,14 +18,29 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Gloss:
-    """A rough plastic's coat over the matte colour.
+    """Coat of rough plastic over the matte colour.
 
-    Attributes
+    Parameters
     ----------
-    alpha : float
-        Roughness (GGX), from 0.01 (polished) to 1.
-    ior : float
-        Index of refraction of the coat.
+    alpha : float, optional
+        Roughness of the GGX distribution, from 0.01 (polished) to 1. Default 0.2, a satin finish.
+    ior : float, optional
+        Index of refraction of the coat, over 1. Default 1.5, that of most plastics and varnishes.
+
+    References
+    ----------
+    Walter, Marschner, Li & Torrance, "Microfacet Models for Refraction through Rough Surfaces", Eurographics Symposium on
+    Rendering 2007: the GGX distribution.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import Gloss, photometric_capture
+    >>> flat, grey, light = np.zeros((3, 3)), np.full((2, 2), 0.5), [[0, 0, 1]]
+    >>> matte = photometric_capture(flat, grey, light, samples=4)
+    >>> glossy = photometric_capture(flat, grey, light, gloss=Gloss(alpha=0.1), samples=4)
+    >>> bool(glossy.mean() > matte.mean())
+    True
     """
 
     alpha: float = 0.2
@@ -45,47 +60,65 @@ def photometric_capture(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> np.ndarray:
-    """Render a height field under every light: a finely triangulated, displaced mesh, no bump map.
+    """Render a height field under each of several lights, as a displaced mesh.
+
+    The mesh has a vertex per height and is seen from straight above without perspective; relief shadows and occludes itself,
+    which a bump map would not.
 
     Parameters
     ----------
     height : (h, w) array
         Heights towards the camera at the vertices of the mesh, in units of their distance; row 0 is the top.
-    albedo : (H', W') or (H', W', 1 or 3) array
-        Linear reflectance, stretched over the mesh, of any resolution.
+    albedo : (H', W'), (H', W', 1) or (H', W', 3) array
+        Linear reflectance in [0, 1] of any resolution, stretched over the mesh.
     lights : (K, 3) array
-        Vectors towards the lights; x right, y up, z to the camera. Each has an irradiance of π: a white matte level surface lit
-        from straight above has the value 1.
-    size : (width, height), optional
-        Of the images; default: a pixel per cell of the mesh, (w − 1, h − 1). The pixels are square and cover the mesh.
+        Vectors towards the lights, of any length; x right, y up, z to the camera. Each light has an irradiance of π: a white,
+        matte, level surface lit from straight above has the value 1.
+    size : (int, int), optional
+        Rows and columns of the images; pixels must be square. Default None: a pixel per cell of the mesh, (h − 1, w − 1).
     gloss : Gloss, optional
-        Coat; default matte.
-    shadows : bool
-        Let relief cast shadows on itself.
-    bounces : int
-        Interreflections followed; 0 is light from the source alone. Needs ``shadows``.
-    samples : int
-        Paths per pixel, spread over it.
-    seed : int
+        Coat over the matte colour. Default None: matte.
+    shadows : bool, optional
+        Let relief cast shadows on itself. Default True.
+    bounces : int, optional
+        Number of interreflections that are followed, which need ``shadows``. Default 0: light from the source alone.
+    samples : int, optional
+        Paths per pixel, spread over it. Default 16.
+    seed : int, optional
+        Seed of the paths: the same seed gives the same images. Default 0.
     progress : callable, optional
-        Called with how much is done, and of how much.
+        Called as ``progress(done, total)`` after every image. Default None.
 
     Returns
     -------
     (K, H, W, 3) float32 array
-        Linear images without a ceiling.
+        Linear values without a ceiling; row 0 is the top.
 
     Raises
     ------
     ValueError
-        For shapes that don't fit, heights or reflectances that are not finite, or a light from below.
+        For shapes that don't fit, heights or reflectances that are not finite, reflectances outside [0, 1], a light from
+        below, images whose pixels are not square, or bounces without shadows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import photometric_capture
+    >>> level, grey = np.zeros((5, 9)), np.full((4, 8), 0.5)
+    >>> images = photometric_capture(level, grey, lights=[[0, 0, 1], [0, 0.6, 0.8]], samples=4)
+    >>> images.shape
+    (2, 4, 8, 3)
+    >>> images[:, 2, 4, 0].round(2)
+    array([0.5, 0.4], dtype=float32)
     """
     height, albedo, lights = _checked(height, albedo, lights, shadows, bounces)
     mi = mitsuba()
     rows, columns = height.shape
-    width, depth = (columns - 1, rows - 1) if size is None else size
+    depth, width = (rows - 1, columns - 1) if size is None else size
     if abs((columns - 1) / width - (rows - 1) / depth) > 1e-6 * (columns - 1) / width:
-        raise ValueError(f"images of {width} x {depth} pixels don't cover a mesh of {columns - 1} x {rows - 1} cells squarely")
+        raise ValueError(
+            f"pixels are not square in images of {depth} rows and {width} columns of a mesh of {rows - 1} x {columns - 1} cells"
+        )
     mesh = textured_mesh(*height_mesh(height), _material(albedo, gloss))
     reach = float(np.ptp(height)) + 2 * max(rows, columns)
     sensor_settings = orthographic_sensor((depth, width), (columns - 1) / width, float(height.max()) + reach, jitter=True)
@@ -123,7 +156,26 @@ def height_mesh(height: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def height_normals(height: np.ndarray) -> np.ndarray:
-    """Return the true unit normals (h − 1, w − 1, 3) at the middles of a height field's cells."""
+    """Compute the true normals of a height field at the centres of its cells.
+
+    Parameters
+    ----------
+    height : (h, w) array
+        Heights towards the camera at the vertices, in units of their distance; row 0 is the top.
+
+    Returns
+    -------
+    (h − 1, w − 1, 3) float64 array
+        Unit normals; x right, y up, z to the camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import height_normals
+    >>> ramp = 0.75 * np.arange(3.0) * np.ones((2, 1))  # rises by 0.75 to the right
+    >>> height_normals(ramp)[0, 0]
+    array([-0.6, -0. ,  0.8])
+    """
     p = (height[:-1, 1:] - height[:-1, :-1] + height[1:, 1:] - height[1:, :-1]) / 2
     q = (height[:-1, :-1] - height[1:, :-1] + height[:-1, 1:] - height[1:, 1:]) / 2
     normal = np.stack([-p, -q, np.ones_like(p)], axis=-1)
@@ -151,7 +203,7 @@ def _material(albedo: np.ndarray, gloss: Gloss | None) -> Any:
 
 @cache
 def _unshadowed(variant_name: str) -> type:
-    """Return an integrator that lights every point it sees from one direction, whatever stands between."""
+    """Return an integrator that lights every point it sees from one direction, without shadows."""
     mi = mitsuba()
     import drjit as dr
 

@@ -1,4 +1,4 @@
-"""Comparing two images: how far apart they are, in numbers that mean something to the eye and in a picture."""
+"""Comparing two images: how much they differ, in figures that agree with the eye and in a picture."""
 
 from __future__ import annotations
 
@@ -18,13 +18,24 @@ class Comparison:
     rmse : float
         Root mean square difference of the linear values.
     psnr : float
-        Peak signal-to-noise ratio in decibels, peak 1, of the display (sRGB) values; infinite for equal images.
+        Peak signal-to-noise ratio of the display (sRGB) values in decibels, with peak 1; infinite for equal images.
     ssim : float
-        Mean structural similarity of the display values (Wang et al. 2004, Gaussian window), 1 for equal images.
+        Mean structural similarity of the display values, with a Gaussian window; 1 for equal images.
     flip : float
-        Mean FLIP difference as seen on a display at 67 pixels per degree (Andersson et al. 2020), 0 for equal images.
+        Mean FLIP difference as seen on a display at 67 pixels per degree; 0 for equal images.
     difference : (H, W, 3) float32 array
         FLIP's error map in false colour, display values in [0, 1].
+
+    See Also
+    --------
+    intaglio.render.compare : Computes it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import compare
+    >>> compare(np.full((16, 16), 0.5), np.full((16, 16), 0.25)).rmse
+    0.25
     """
 
     rmse: float
@@ -40,12 +51,34 @@ def compare(image: np.ndarray, reference: np.ndarray) -> Comparison:
     Parameters
     ----------
     image, reference : (H, W, 3) or (H, W) arrays
-        Linear Rec.709 values; for all but ``rmse`` they are clipped to [0, 1] and encoded as sRGB.
+        Linear Rec.709 values; for all figures but ``rmse`` they are clipped to [0, 1] and encoded as sRGB.
+
+    Returns
+    -------
+    Comparison
+        Figures, and a picture of the differences.
 
     Raises
     ------
     ValueError
         If the shapes differ, images are smaller than 11 x 11, or values are not finite.
+
+    References
+    ----------
+    Wang, Bovik, Sheikh & Simoncelli, "Image Quality Assessment: From Error Visibility to Structural Similarity", IEEE Trans.
+    Image Processing 13(4), 2004.
+
+    Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström & Fairchild, "FLIP: A Difference Evaluator for Alternating Images",
+    Proc. ACM Computer Graphics and Interactive Techniques 3(2), 2020.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import compare
+    >>> image = np.linspace(0, 1, 256).reshape(16, 16)
+    >>> same = compare(image, image)
+    >>> same.rmse, same.psnr, round(same.ssim, 6), same.flip
+    (0.0, inf, 1.0, 0.0)
     """
     from flip_evaluator import evaluate
     from skimage.metrics import structural_similarity

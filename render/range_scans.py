@@ -1,4 +1,4 @@
-"""A simulated 2.5D range scan of a mesh: how ground truth is made."""
+"""Simulated 2.5D range scans of a mesh, to make ground truth."""
 
 from __future__ import annotations
 
@@ -12,16 +12,30 @@ from intaglio.render.views import Viewpoint, make_mesh
 
 @dataclass(frozen=True)
 class RangeImage:
-    """What a range scanner sees from one place.
+    """What a range scanner measures from one place.
 
     Attributes
     ----------
     points : (H, W, 3) float64 array
-        Measured positions in the mesh's unit; NaN where nothing was measured.
+        Measured positions in the mesh's coordinates; NaN where nothing was measured.
     depth : (H, W) float64 array
-        Distance from the scanner along the ray.
+        Distances from the scanner along the rays, in the mesh's unit; NaN likewise.
     view : (3,) float64 array
-        Where the scanner stood.
+        Where the scanner stood, in the mesh's coordinates.
+
+    See Also
+    --------
+    intaglio.render.range_scan : Makes one.
+    intaglio.surface_from_range_image : Triangulates its points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import Viewpoint, range_scan
+    >>> triangle = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]])
+    >>> scan = range_scan(triangle, np.array([[0, 1, 2]]), camera=Viewpoint((0, 0, 5), (0, 0, 0)), size=(8, 8))
+    >>> scan.view
+    array([0., 0., 5.])
     """
 
     points: np.ndarray
@@ -60,21 +74,43 @@ def range_scan(
     Parameters
     ----------
     vertices, faces : (N, 3), (F, 3) arrays
-        The object.
+        The object: positions in any unit of length, and triangles.
     camera : Viewpoint
-        Where the scanner stands; its field of view is vertical.
-    size : (rows, columns)
-        Rays across and down.
-    noise : float
-        Standard deviation of Gaussian noise along the ray, in the mesh's unit.
-    steepest : float
-        Degrees: where the surface is seen at more than this from its normal nothing is measured, as with real scanners.
-    seed : int
+        Where the scanner stands, and what it sees.
+    size : (int, int), optional
+        Rows and columns of rays. Default (256, 256).
+    noise : float, optional
+        Standard deviation of Gaussian noise along the rays, in the mesh's unit. Default 0.
+    steepest : float, optional
+        Nothing is measured where the surface is seen at more than this many degrees from its normal, as with real scanners.
+        Default 75.
+    seed : int, optional
+        Seed of the noise. Default 0.
 
     Returns
     -------
     RangeImage
-        Neighbouring pixels across a depth discontinuity are both there; `surface_from_range_image` does not bridge them.
+        Positions and distances. Pixels on both sides of a depth discontinuity are measured; `surface_from_range_image` does
+        not bridge them.
+
+    Raises
+    ------
+    ValueError
+        If ``noise`` is negative, or there are no vertices or faces.
+
+    See Also
+    --------
+    intaglio.surface_from_range_image : Triangulate the result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import Viewpoint, range_scan
+    >>> wall = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
+    >>> faces = np.array([[0, 1, 2], [0, 2, 3]])
+    >>> scan = range_scan(wall, faces, camera=Viewpoint((0, 0, 5), (0, 0, 0)), size=(4, 6))
+    >>> scan.points.shape, np.allclose(scan.points[..., 2], 0, atol=1e-5)
+    ((4, 6, 3), True)
     """
     if noise < 0:
         raise ValueError(f"noise must not be negative, not {noise}")
@@ -83,7 +119,7 @@ def range_scan(
     shift = np.asarray(camera.target, np.float64)
     rays = camera_rays(camera, size)
     flat = rays.reshape(-1, 3)
-    # Moved to the target, single precision keeps the relief of survey coordinates.
+    # Coordinates are moved to the target, so that single precision keeps the relief of survey coordinates.
     scene = mi.load_dict({"type": "scene", "mesh": make_mesh(np.asarray(vertices, np.float64) - shift, faces, flat=True)})
     distance, normal = _trace(mi, scene, origin - shift, flat)
     cosine = np.abs(np.einsum("ij,ij->i", normal, flat))
@@ -95,9 +131,9 @@ def range_scan(
 
 
 def _trace(mi: object, scene: object, origin: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distance (N,), NaN for a miss, and geometric normal (N, 3) along rays from ``origin``."""
+    """Return the distance (N,), NaN for a miss, and the geometric normal (N, 3) at the hit of each ray from ``origin``."""
     count = len(directions)
-    if variant().vectorised:
+    if variant().vectorized:
         single = directions.astype(np.float32)
         start = np.broadcast_to(origin.astype(np.float32), single.shape)
         ray = mi.Ray3f(mi.Point3f(np.ascontiguousarray(start.T)), mi.Vector3f(np.ascontiguousarray(single.T)))  # type: ignore[attr-defined]

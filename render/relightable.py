@@ -1,7 +1,8 @@
-"""Rendering textures that answer to light: image = Σ_j c_j(l) map_j as a Mitsuba BSDF, on any mesh and under any emitter.
+"""Rendering relightable textures: image = Σ_j c_j(l) map_j as a Mitsuba BSDF, on any mesh and under any emitter.
 
-A texture's values are what its surface sends to the camera under a distant light of irradiance π, so that a white matte
-surface lit from straight above has the value 1 and an albedo is a reflectance: the BSDF (with the cosine) is the value over π.
+A texture's values are the radiance that its surface sends to the camera under a distant light of irradiance π, so that a white
+matte surface lit from straight above has the value 1 and an albedo is a reflectance: the BSDF times the cosine is the value
+over π.
 """
 
 from __future__ import annotations
@@ -63,54 +64,93 @@ def relightable_bsdf(
     smooth: bool = True,
     back: bool = False,
 ) -> Any:
-    """Return a Mitsuba BSDF of a relightable texture.
+    """Make a Mitsuba BSDF of a relightable texture.
 
     Parameters
     ----------
     maps : (n, H, W, C) array
-        C is 1 or 3; row 0 lies at v = 1.
+        Linear values with C = 1 or 3 channels; row 0 is at v = 1.
     coefficients : callable
-        ``coefficients(x, y, z, maths)`` gives n values for the components of unit vectors towards the light, in the surface's own
-        frame: x along u, y along v, z along the normal.
+        The weights of the maps: ``coefficients(x, y, z, maths)`` returns a list of n values for the components of unit
+        vectors towards the light, in the surface's own frame: x along u, y along v, z along the normal. ``maths`` has the
+        functions ``sqrt``, ``log``, ``arctan2``, ``where``, ``minimum`` and ``maximum``. The ``basis.evaluate`` of an
+        `intaglio.Relightable` is one.
     chroma : (H, W, 3) array, optional
-        Multiplied with the sum.
-    repeat : (u, v)
-        How often the texture is repeated over the unit square of texture coordinates.
-    tiled : bool
-        Go on with the opposite border beyond a border; else with the border's own texels.
-    smooth : bool
-        Interpolate between texels, or take the nearest.
-    back : bool
-        Show the texture on the back as well.
+        Colours by which the sum, of one channel, is multiplied. Default None.
+    repeat : (float, float), optional
+        How often the texture is repeated over the unit square of texture coordinates, along u and v. Default (1, 1).
+    tiled : bool, optional
+        Continue beyond a border with the opposite one; if False, with the border's own texels. Default True.
+    smooth : bool, optional
+        Interpolate between texels; if False, take the nearest. Default True.
+    back : bool, optional
+        Show the texture on the back of the surface as well. Default False.
+
+    Returns
+    -------
+    mitsuba.BSDF
+        The BSDF, for any mesh with texture coordinates and any emitter.
+
+    See Also
+    --------
+    intaglio.render.relit : Render a mesh with it.
 
     Notes
     -----
-    The sum is cut off at 0 and is 0 for light from below the horizon. Directions are sampled by the cosine.
+    Negative sums are set to 0, and light from below the horizon gives 0. Directions are sampled by the cosine.
+
+    Examples
+    --------
+    A texture of Lambert's law, whose maps are scaled normals:
+
+    >>> import numpy as np
+    >>> from intaglio.render import relightable_bsdf, relit_plane
+    >>> maps = np.zeros((3, 4, 4, 1))
+    >>> maps[2] = 0.5
+    >>> bsdf = relightable_bsdf(maps, lambda x, y, z, maths: [x, y, z])
+    >>> relit_plane(bsdf, size=(4, 4), light=(0, 0.6, 0.8))[0, 0].round(3)
+    array([0.4, 0.4, 0.4], dtype=float32)
     """
     mi = mitsuba()
     return _bsdf_class(mi.variant())(mi.Properties(), maps, coefficients, chroma, repeat, tiled, smooth, back)
 
 
 def matte_bsdf(normal: np.ndarray, albedo: np.ndarray) -> Any:
-    """Return Mitsuba's own diffuse BSDF under its normal map: the same as kind "gradient" where it is not cut off at 0.
+    """Make Mitsuba's own diffuse BSDF with a normal map, to compare with.
+
+    It gives the same values as a relightable texture of kind "gradient", wherever these are not negative.
 
     Parameters
     ----------
     normal : (H, W, 3) array
-        Unit vectors; row 0 lies at v = 1.
+        Unit vectors; x along u, y along v, z along the normal. Row 0 is at v = 1.
     albedo : (H, W, C) array
-        Reflectance; Mitsuba cuts it off at 1.
+        Reflectance with C = 1 or 3 channels, clipped to [0, 1].
+
+    Returns
+    -------
+    mitsuba.BSDF
+        The BSDF, for any mesh with texture coordinates.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import matte_bsdf, relit_plane
+    >>> normal = np.zeros((4, 4, 3)) + [0.0, 0.6, 0.8]
+    >>> bsdf = matte_bsdf(normal, np.full((4, 4, 1), 0.5))
+    >>> relit_plane(bsdf, size=(4, 4), light=(0, 0.6, 0.8))[0, 0].round(2)
+    array([0.5, 0.5, 0.5], dtype=float32)
     """
     mi = mitsuba()
     color = np.repeat(albedo, 3, axis=2) if albedo.shape[2] == 1 else albedo
 
     def bitmap(values: np.ndarray) -> dict[str, Any]:
-        # Mitsuba's bitmaps have row 0 at v = 0, and are stored in half precision unless told.
+        # Mitsuba's bitmaps have row 0 at v = 0, and are stored in half precision unless the format says otherwise.
         image = mi.Bitmap(np.ascontiguousarray(values[::-1], np.float32))
         return {"type": "bitmap", "bitmap": image, "raw": True, "filter_type": "nearest", "format": "variant"}
 
     matte = {"type": "diffuse", "reflectance": bitmap(np.clip(color, 0, 1))}
-    # Lambert's law alone: without the shadowing that Mitsuba adds, and without turning normals that face away.
+    # Lambert's law alone, without the shadowing that Mitsuba adds, and without flipping normals that face away.
     plain = {"use_shadowing_function": False, "flip_invalid_normals": False}
     return mi.load_dict({"type": "normalmap", "normalmap": bitmap(normal * 0.5 + 0.5), "nested": matte, **plain})
 
@@ -140,22 +180,43 @@ def relit(
     Parameters
     ----------
     vertices, faces, uv : (N, 3), (F, 3), (N, 2) arrays
-    bsdf : Mitsuba BSDF
+        Positions in any unit of length, triangles, and texture coordinates; (0, 0) is the texture's lower left corner.
+    bsdf : mitsuba.BSDF
         From `relightable_bsdf` or `matte_bsdf`.
     camera : Viewpoint
+        Where the picture is taken from; see `frame`.
     light : (3,) array
-        Vector towards the light, in the mesh's coordinates; its irradiance is π.
-    size : (rows, columns)
-    samples : int
-        Paths per pixel.
-    background : float
-        Linear value where nothing is seen.
-    seed : int
+        Vector towards the light, of any length, in the mesh's coordinates; its irradiance is π.
+    size : (int, int), optional
+        Rows and columns of the picture. Default (512, 512).
+    samples : int, optional
+        Paths per pixel: more give smoother edges. Default 16.
+    background : float, optional
+        Linear value where nothing is seen. Default 0.
+    seed : int, optional
+        Seed of the paths: the same seed gives the same picture. Default 0.
 
     Returns
     -------
     (H, W, 3) float32 array
-        Linear Rec.709.
+        Linear Rec.709 values; row 0 is the top.
+
+    Raises
+    ------
+    ValueError
+        If there is not one texture coordinate per vertex, or there are no vertices or faces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import frame, matte_bsdf, relit
+    >>> vertices = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> faces, uv = np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2] / 2 + 0.5
+    >>> bsdf = matte_bsdf(np.zeros((4, 4, 3)) + [0, 0, 1], np.full((4, 4, 1), 0.5))
+    >>> camera = frame(vertices, direction=(0, 0, 1))
+    >>> picture = relit(vertices, faces, uv, bsdf, camera=camera, light=(0, 0, 1), size=(16, 16), samples=4)
+    >>> picture[8, 8].round(2), picture[0, 0]
+    (array([0.5, 0.5, 0.5], dtype=float32), array([0., 0., 0.], dtype=float32))
     """
     mi = mitsuba()
     shift = np.asarray(camera.target, np.float64)
@@ -168,24 +229,37 @@ def relit(
 def relit_plane(
     bsdf: Any, size: tuple[int, int], light: np.ndarray, *, samples: int = 1, seed: int = 0, facing: bool = True
 ) -> np.ndarray:
-    """Render a texture on a plane, seen straight on without perspective, a pixel per texel, under one distant light.
+    """Render a texture on a plane under one distant light, seen straight on without perspective, with a pixel per texel.
 
     Parameters
     ----------
-    bsdf : Mitsuba BSDF
-    size : (rows, columns)
-        Of the texture.
+    bsdf : mitsuba.BSDF
+        From `relightable_bsdf` or `matte_bsdf`.
+    size : (int, int)
+        Rows and columns of the texture, and of the picture.
     light : (3,) array
-        Vector towards the light; x right, y up, z to the camera.
-    samples : int
-        Paths per pixel, evenly over it: one goes through its middle.
-    seed : int
-    facing : bool
-        Show the front; else the back.
+        Vector towards the light, of any length; x right, y up, z to the camera. Its irradiance is π.
+    samples : int, optional
+        Paths per pixel, spread evenly. Default 1, through the pixel's centre, which shows every texel as it is.
+    seed : int, optional
+        Seed of the paths. Default 0.
+    facing : bool, optional
+        Show the front; if False, the back. Default True.
 
     Returns
     -------
     (H, W, 3) float32 array
+        Linear Rec.709 values; row 0 is the top.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import relightable_bsdf, relit_plane
+    >>> maps = np.linspace(0, 1, 6).reshape(1, 2, 3, 1)
+    >>> bsdf = relightable_bsdf(maps, lambda x, y, z, maths: [0 * x + 1])
+    >>> relit_plane(bsdf, size=(2, 3), light=(0, 0, 1))[..., 0].round(2)
+    array([[0. , 0.2, 0.4],
+           [0.6, 0.8, 1. ]], dtype=float32)
     """
     mi = mitsuba()
     height, width = size
@@ -246,7 +320,7 @@ def _drjit() -> Any:
 
 @cache
 def _bsdf_class(variant_name: str) -> type:
-    """Return the BSDF's class; it can be defined only once a variant is set, and belongs to it."""
+    """Return the BSDF's class, which can be defined only after a variant is set, and belongs to that variant."""
     mi = mitsuba()
     dr = _drjit()
 
@@ -273,7 +347,7 @@ def _bsdf_class(variant_name: str) -> type:
             texels = np.ascontiguousarray(np.concatenate(layers, axis=2), np.float32)
             filtering = dr.FilterMode.Linear if smooth else dr.FilterMode.Nearest
             wrapping = dr.WrapMode.Repeat if tiled else dr.WrapMode.Clamp
-            # Graphics hardware would place samples between texels coarsely.
+            # Graphics hardware interpolates between texels with low precision only.
             self.texture = mi.Texture2f(
                 mi.TensorXf(texels), use_accel=False, migrate=False, filter_mode=filtering, wrap_mode=wrapping
             )
@@ -287,7 +361,7 @@ def _bsdf_class(variant_name: str) -> type:
         def value(self, si: Any, wo: Any) -> Any:
             """Return the texture's value for light from ``wo``."""
             x, y, z = wo.x, wo.y, wo.z
-            # Where texture coordinates are mirrored the frame's t points against v.
+            # If the texture coordinates are mirrored, the frame's t points against v.
             y = dr.select(dr.dot(si.sh_frame.t, si.dp_dv) < 0, -y, y)
             if self.back:
                 z = dr.abs(z)
@@ -306,7 +380,7 @@ def _bsdf_class(variant_name: str) -> type:
             return mi.Color3f(*(sums * 3 if self.channels == 1 else sums))
 
         def seen(self, cosine_in: Any, cosine_out: Any, active: Any) -> Any:
-            """Return where light can reach and leave the same side, that which has the texture."""
+            """Return where light arrives at and leaves the surface on one side, which must have the texture."""
             front = (cosine_in > 0) & (cosine_out > 0)
             return active & ((front | ((cosine_in < 0) & (cosine_out < 0))) if self.back else front)
 

@@ -1,7 +1,7 @@
 """Which Mitsuba variant this machine can run, found before Mitsuba is imported.
 
 Dr.Jit takes whatever libLLVM it finds, and with LLVM 14 to 16 the *process aborts* at the first render. So candidates are
-opened here, their version is read, and only one that is 17 or newer is handed on; without one, the scalar variant renders.
+opened here, their version is read, and only one that is 17 or newer is passed on; without one, the scalar variant renders.
 """
 
 from __future__ import annotations
@@ -30,16 +30,26 @@ _PLACES = (
 
 @dataclass(frozen=True)
 class Variant:
-    """The variant in use.
+    """Variant of Mitsuba in use.
 
     Attributes
     ----------
     name : str
-        ``cuda_ad_rgb``, ``llvm_ad_rgb`` or ``scalar_rgb``.
+        One of ``cuda_ad_rgb``, ``llvm_ad_rgb`` and ``scalar_rgb``.
     reason : str
-        Why this one.
+        Why it was chosen, as a phrase for the user.
     llvm : str or None
-        The LLVM library in use.
+        Path of the LLVM library in use; None unless the variant is ``llvm_ad_rgb``.
+
+    See Also
+    --------
+    intaglio.render.variant : Chooses it.
+
+    Examples
+    --------
+    >>> from intaglio.render import variant
+    >>> variant().name in ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
+    True
     """
 
     name: str
@@ -47,15 +57,27 @@ class Variant:
     llvm: str | None = None
 
     @property
-    def vectorised(self) -> bool:
-        """Whether arrays of rays can be traced at once."""
+    def vectorized(self) -> bool:
+        """Whether arrays of rays can be traced at once.
+
+        Returns
+        -------
+        bool
+            False for the scalar variant, which traces one ray at a time.
+
+        Examples
+        --------
+        >>> from intaglio.render import Variant
+        >>> Variant("scalar_rgb", "runs everywhere, slowly").vectorized
+        False
+        """
         return not self.name.startswith("scalar")
 
 
 def llvm_version(path: str) -> int | None:
-    """Return the major version of an LLVM library, or None if it can't be told.
+    """Return the major version of an LLVM library, or None if it is not known.
 
-    ``LLVMGetVersion`` exists from LLVM 16 on. A library without it is older, or none.
+    ``LLVMGetVersion`` exists from LLVM 16 on. A library without it is older, or another library.
     """
     try:
         library = ctypes.CDLL(path)
@@ -69,14 +91,32 @@ def llvm_version(path: str) -> int | None:
 
 
 def _named_version(path: str) -> int | None:
-    """Return the version that the file's own name states: opening several LLVMs in one process invites clashes."""
+    """Return the version in the file's name, since opening several LLVM libraries in one process may make them clash."""
     found = re.search(r"LLVM(?:-C)?[-.]?(?:so\.)?(\d+)", os.path.basename(os.path.realpath(path)))
     return int(found.group(1)) if found else None
 
 
 @cache
 def usable_llvm() -> tuple[str | None, str]:
-    """Return the path of an LLVM library that works, or None, and what was found."""
+    """Find an LLVM library that Mitsuba can use.
+
+    The environment variable ``DRJIT_LIBLLVM_PATH`` names one; without it the usual places are searched. The search is made
+    once per process.
+
+    Returns
+    -------
+    path : str or None
+        The newest library of version 17 or later; None if there is none.
+    found : str
+        What was found, as a phrase for the user.
+
+    Examples
+    --------
+    >>> from intaglio.render import usable_llvm
+    >>> path, found = usable_llvm()
+    >>> found.startswith("LLVM") if path else "LLVM" in found
+    True
+    """
     given = os.environ.get("DRJIT_LIBLLVM_PATH")
     paths = [given] if given else sorted({os.path.realpath(p) for place in _PLACES for p in glob.glob(place)})
     candidates = []
@@ -93,7 +133,7 @@ def usable_llvm() -> tuple[str | None, str]:
         version, path = max(good)
         return path, f"LLVM {version} at {path}"
     if given:
-        return None, f"DRJIT_LIBLLVM_PATH={given} is no LLVM {_OLDEST_LLVM} or newer"
+        return None, f"DRJIT_LIBLLVM_PATH={given} is not an LLVM {_OLDEST_LLVM} or newer"
     if candidates:
         versions = ", ".join(str(v) for v in sorted({v for v, _ in candidates}))
         return None, f"only LLVM {versions} found; {_OLDEST_LLVM} or newer is needed (on Debian: libllvm19)"
@@ -115,12 +155,25 @@ def _cuda_answers() -> bool:
 def variant() -> Variant:
     """Choose the Mitsuba variant: CUDA if a GPU answers, LLVM if a library works, else scalar.
 
-    The environment variable ``INTAGLIO_VARIANT`` asks for one; it is refused where it would not run.
+    The environment variable ``INTAGLIO_VARIANT`` chooses another one of those that run on this machine. The choice is made
+    once per process.
+
+    Returns
+    -------
+    Variant
+        The variant's name, and why it was chosen.
 
     Raises
     ------
     ValueError
         If ``INTAGLIO_VARIANT`` names a variant that does not run here.
+
+    Examples
+    --------
+    >>> from intaglio.render import variant
+    >>> chosen = variant()
+    >>> chosen.vectorized == (chosen.name != "scalar_rgb")
+    True
     """
     asked = os.environ.get("INTAGLIO_VARIANT")
     path, found = usable_llvm()
@@ -141,7 +194,25 @@ def variant() -> Variant:
 
 
 def mitsuba() -> ModuleType:
-    """Return the mitsuba module with the variant set."""
+    """Import Mitsuba with the variant set that `variant` chooses.
+
+    Returns
+    -------
+    module
+        The module ``mitsuba``.
+
+    Raises
+    ------
+    ValueError
+        If the environment variable ``INTAGLIO_VARIANT`` names a variant that does not run here.
+
+    Examples
+    --------
+    >>> from intaglio.render import mitsuba, variant
+    >>> mi = mitsuba()
+    >>> mi.variant() == variant().name
+    True
+    """
     chosen = variant()
     import mitsuba as mi
 

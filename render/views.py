@@ -14,14 +14,28 @@ CLAY = (0.55, 0.5, 0.45)
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A perspective camera.
+    """Perspective camera that looks from one point at another.
 
-    Attributes
+    Parameters
     ----------
-    origin, target, up : (3,) sequences
-        In the mesh's unit.
-    fov : float
-        Vertical field of view in degrees.
+    origin : (float, float, float)
+        Where the eye is, in the mesh's coordinates.
+    target : (float, float, float)
+        The point in the middle of the picture.
+    up : (float, float, float), optional
+        Direction that is upright in the picture; it must not be along the line of sight. Default y.
+    fov : float, optional
+        Vertical field of view in degrees. Default 25, a moderate telephoto lens, which hardly distorts.
+
+    See Also
+    --------
+    intaglio.render.frame : A viewpoint that sees all of a mesh.
+
+    Examples
+    --------
+    >>> from intaglio.render import Viewpoint
+    >>> Viewpoint(origin=(0, 0, 5), target=(0, 0, 0)).up
+    (0.0, 1.0, 0.0)
     """
 
     origin: tuple[float, float, float]
@@ -32,18 +46,28 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Light:
-    """A distant light fixed to the camera, with a weak headlight that keeps shadows readable.
+    """Distant light fixed to the camera, with a weak headlight that keeps shadows readable.
 
-    Attributes
+    Parameters
     ----------
-    tilt : float
-        Degrees, direction in the picture plane, from right to up.
-    slant : float
-        Degrees from the line of sight: 0 is a headlight, 70 rakes over the surface and shows the least relief.
-    strength : float
-        Irradiance of the distant light.
-    fill : float
-        Irradiance of the headlight.
+    tilt : float, optional
+        Direction in the plane of the picture in degrees, from right (0) to up (90). Default 135, the upper left, where
+        people expect the light.
+    slant : float, optional
+        Angle from the line of sight in degrees: 0 is a headlight, 70 rakes over the surface and shows the slightest relief.
+        Default 60.
+    strength : float, optional
+        Irradiance of the distant light, at least 0; π makes a white matte surface that faces it 1. Default 4.2, which uses
+        the range of a picture for clay.
+    fill : float, optional
+        Irradiance of the headlight, at least 0. Default 0.4.
+
+    Examples
+    --------
+    >>> from intaglio.render import Light
+    >>> raking = Light(slant=75)
+    >>> raking.tilt, raking.slant
+    (135.0, 75)
     """
 
     tilt: float = 135.0
@@ -55,7 +79,35 @@ class Light:
 def frame(
     vertices: np.ndarray, direction: np.ndarray, *, up: ArrayLike = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
 ) -> Viewpoint:
-    """Return a camera that sees all of ``vertices`` (N, 3) from ``direction`` (3,), the way from the object to the eye."""
+    """Place a camera so that it sees all of a mesh from a given direction.
+
+    Parameters
+    ----------
+    vertices : (N, 3) array
+        The mesh's vertices, in any unit of length.
+    direction : (3,) array
+        Direction from the object to the eye, of any length but zero.
+    up : (3,) array, optional
+        Direction that is upright in the picture. Default y; if it is within 8 degrees of the line of sight, another axis is
+        taken.
+    fov : float, optional
+        Vertical field of view in degrees. Default 25.
+    margin : float, optional
+        Radius that is seen, in radii of the sphere about the mesh. Default 1.1, which leaves a narrow border.
+
+    Returns
+    -------
+    Viewpoint
+        A camera that looks at the middle of the mesh's bounding box.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import frame
+    >>> camera = frame(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), direction=(0, 0, 1))
+    >>> camera.target, camera.origin[2] > 4
+    ((0.0, 0.0, 0.0), True)
+    """
     vertices = np.asarray(vertices, np.float64)
     towards = np.asarray(direction, np.float64)
     towards = towards / np.linalg.norm(towards)
@@ -91,27 +143,49 @@ def view(
     Parameters
     ----------
     vertices, faces : (N, 3), (F, 3) arrays
-        In any unit; double precision survey coordinates are moved to the origin first.
+        Positions in any unit of length, and triangles. Large survey coordinates lose nothing: they are moved to the camera's
+        target before they are rounded to single precision.
     camera : Viewpoint
+        Where the picture is taken from; see `frame`.
     colors : (N, 3) array, optional
-        Linear reflectance in [0, 1]; default clay.
-    light : Light
-    size : (rows, columns)
-        In pixels.
-    samples : int
-        Paths per pixel.
-    albedo : (3,) sequence
-        Clay's linear reflectance.
-    background : float
-        Linear value where nothing is seen.
-    flat : bool
-        Shade facets instead of smooth normals.
-    seed : int
+        Linear reflectances in [0, 1] at the vertices. Default None: clay.
+    light : Light, optional
+        The light, fixed to the camera. Default: raking light from the upper left, which shows relief.
+    size : (int, int), optional
+        Rows and columns of the picture. Default (512, 512).
+    samples : int, optional
+        Paths per pixel: more give smoother edges. Default 16.
+    albedo : (float, float, float), optional
+        Linear reflectance of clay, in [0, 1]. Default a warm grey.
+    background : float, optional
+        Linear value where nothing is seen. Default 1, white paper.
+    flat : bool, optional
+        Show facets instead of interpolating normals. Default False.
+    seed : int, optional
+        Seed of the paths: the same seed gives the same picture. Default 0.
 
     Returns
     -------
     (H, W, 3) float32 array
-        Linear Rec.709.
+        Linear Rec.709 values; row 0 is the top.
+
+    Raises
+    ------
+    ValueError
+        If there are no vertices or faces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from intaglio.render import frame, view
+    >>> vertices = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> faces = np.array([[0, 1, 2], [0, 2, 3]])
+    >>> camera = frame(vertices, direction=(0, 0, 1))
+    >>> picture = view(vertices, faces, camera=camera, size=(16, 16), samples=4)
+    >>> picture.shape
+    (16, 16, 3)
+    >>> bool(picture[8, 8].max() < 0.9), picture[0, 0].round(2)
+    (True, array([1., 1., 1.], dtype=float32))
     """
     mi = mitsuba()
     shift = np.asarray(camera.target, np.float64)
@@ -120,7 +194,7 @@ def view(
     towards = {"key": light_towards(origin, camera.up, light), "fill": origin / np.linalg.norm(origin)}
     sensor = mi.load_dict(make_sensor(origin, np.zeros(3), np.asarray(camera.up), camera.fov, size))
     rendered = np.zeros((size[0], size[1], 4), np.float32)
-    # One light at a time: choosing between lights at random would grain the picture.
+    # The lights are rendered one by one, since choosing between them at random would make the picture grainy.
     for name, strength in (("key", light.strength), ("fill", light.fill)):
         lit = lit_mesh(mesh, sensor, distant_light(towards[name], strength), samples=samples, seed=seed)
         rendered[:, :, :3] += lit[:, :, :3]
@@ -129,7 +203,7 @@ def view(
 
 
 def distant_light(towards: np.ndarray, irradiance: float) -> dict[str, object]:
-    """Return Mitsuba's description of a distant light from the unit vector ``towards`` it."""
+    """Return Mitsuba's description of a distant light, given the unit vector ``towards`` it."""
     strength = {"type": "rgb", "value": float(irradiance)}
     return {"type": "directional", "direction": [-float(t) for t in towards], "irradiance": strength}
 
@@ -143,7 +217,7 @@ def lit_mesh(mesh: object, sensor: object, light: dict[str, object], *, samples:
 
 
 def over_background(rendered: np.ndarray, background: float) -> np.ndarray:
-    """Return (H, W, 3) of a rendering with alpha (H, W, 4) over a grey ``background``."""
+    """Return a rendering with alpha (H, W, 4), placed over a grey ``background``, as (H, W, 3)."""
     alpha = np.clip(rendered[:, :, 3:4], 0, 1)
     return np.ascontiguousarray(rendered[:, :, :3] + (1 - alpha) * np.float32(background))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from intaglio.files import read_image
 from intaglio.mesh import Cylinder, Surface
-from intaglio.scenes.common import Result, data_folder, options, real_data, run_scene
+from intaglio.scenes.common import Result, main, real_data, run_scene
 from intaglio.scenes.patterns import grid_faces
 
 Array = np.ndarray
@@ -64,6 +64,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    if not data_folder().exists():
-        real_data("materials")
-    run(options(__doc__ or ""))
+    main(run, __doc__)

@@ -9,7 +9,7 @@ import numpy as np
 
 from intaglio.mesh import Sphere, Surface, read_surface, vertex_normals
 from intaglio.relief import fit_base
-from intaglio.scenes.common import Result, largest_piece, options, real_data, run_scene
+from intaglio.scenes.common import Result, largest_piece, main, real_data, run_scene
 
 HOLE = 28.0  # millimetres
 
@@ -37,4 +37,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

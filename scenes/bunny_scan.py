@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import Surface, read_surface
-from intaglio.scenes.common import Result, cut_out, options, real_data, run_scene
+from intaglio.scenes.common import Result, cut_out, main, real_data, run_scene
 
 CENTER = np.array([0.036, 0.086, 0.038])  # metres, on the haunch
 PATCH, HOLE, REST = 0.022, 0.005, 0.016
@@ -53,4 +53,4 @@ def run(args: argparse.Namespace) -> list[Result]:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

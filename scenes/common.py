@@ -6,7 +6,7 @@ import argparse
 import os
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from intaglio.files import write_image
-from intaglio.kernels.launch import start_quietly
 from intaglio.mesh import Surface
 from intaglio.progress import ProgressBar
 from intaglio.relief import (
@@ -23,8 +22,9 @@ from intaglio.relief import (
     SCAN,
     TRUTH,
     ReliefReport,
+    ReliefSettings,
     assess_relief,
-    complete_relief,
+    prepare_relief,
     relief_pictures,
     write_relief_report,
 )
@@ -54,26 +54,49 @@ def data_folder() -> Path:
     return Path(given) if given else Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
 
-def real_data(name: str) -> Path:
-    """Return the path of a file of the data folder, or stop the scene with a line that says what is missing."""
+def has_data(name: str) -> bool:
+    """Return whether the data folder has a file; where it has not, print a line that says what is missing."""
     path = data_folder() / name
     if not path.exists():
         print(f"skipped: {path} is not there; set INTAGLIO_DATA to the folder that holds {name}")
+        return False
+    return True
+
+
+def real_data(name: str) -> Path:
+    """Return the path of a file of the data folder, or stop the scene with a line that says what is missing."""
+    if not has_data(name):
         raise SystemExit(0)
-    return path
+    return data_folder() / name
 
 
-def options(description: str) -> argparse.Namespace:
-    """Read a scene's command line."""
-    start_quietly()
+def main(run: Callable[..., object], description: str | None, names: Iterable[str] = ()) -> None:
+    """Read a scene's command line and run the scene; every scene is started by this.
+
+    Parameters
+    ----------
+    run : callable
+        Takes the output folder, the seed and the device as ``args``, and by its keyword ``names`` which of several are chosen.
+    description : str
+        The scene's docstring.
+    names : iterable of str
+        What a scene of several has to choose from.
+    """
     warnings.formatwarning = lambda message, *_, **__: f"  warning: {message}\n"
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for pictures, meshes and report")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--device", default=None, help="cpu, cuda:0; default CUDA if there is one")
+    several = tuple(names)
+    if several:
+        chosen = f"which of {', '.join(several)}; default all"
+        parser.add_argument("names", nargs="*", choices=several, default=several, metavar="NAME", help=chosen)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
-    return args
+    if several:
+        run(args, names=tuple(args.names))
+    else:
+        run(args)
 
 
 def run_scene(
@@ -94,7 +117,9 @@ def run_scene(
     print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
     start = time.perf_counter()
     with ProgressBar("growing relief") as bar:
-        whole = complete_relief(scan, seed=args.seed, device=args.device, progress=bar.update, **settings)
+        laid = {name: settings.pop(name) for name in ("base", "spacing", "extent") if name in settings}
+        prepared = prepare_relief(scan, device=args.device, **laid)
+        whole = prepared.complete(ReliefSettings(**settings), seed=args.seed, progress=bar.update)
     seconds = time.perf_counter() - start
     for note in whole.notes:
         print(f"  {note}")

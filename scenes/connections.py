@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from intaglio.geometry import PointSet, pieces_of
+from intaglio.geometry import PointSet, label_pieces
 
 Array = np.ndarray
 
@@ -16,7 +16,7 @@ _JOINED, _SLIVER = 1.7, 4.0
 
 def broken_threads(points: PointSet, spacing: float) -> tuple[int, int]:
     """Return how many threads enter a piece of cloth, and how many of them (or of loose pieces) end inside."""
-    label = pieces_of(points, _JOINED * spacing)
+    label = label_pieces(points, _JOINED * spacing)
     count = int(label.max()) + 1
     low, high = points.points.min(axis=0), points.points.max(axis=0)
     least, most = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
@@ -34,7 +34,7 @@ def closed_rings(points: PointSet, spacing: float, radius: float) -> tuple[int, 
     A ring that hangs together with another counts as two that are not closed, loose pieces of more than a hundredth of a
     ring as one.
     """
-    label = pieces_of(points, _JOINED * spacing)
+    label = label_pieces(points, _JOINED * spacing)
     low, high = points.points.min(axis=0), points.points.max(axis=0)
     order = np.argsort(label, kind="stable")
     edges = np.searchsorted(label[order], np.arange(label.max() + 2))

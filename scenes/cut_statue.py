@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from intaglio.mesh import Surface, read_surface
-from intaglio.scenes.common import Result, options, real_data, run_scene
+from intaglio.scenes.common import Result, main, real_data, run_scene
 from intaglio.scenes.holed_scans import relief_energy, smooth_pictures, without_relief
 
 # Where the hole is cut, as shares of the statue's bounds, and its radius as a share of the diagonal.
@@ -34,4 +34,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

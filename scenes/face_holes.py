@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 from intaglio.mesh import read_surface
-from intaglio.scenes.common import Result, cut_out, options, real_data, run_scene
+from intaglio.scenes.common import Result, cut_out, main, real_data, run_scene
 
 # Centre of the hole and radius of its surroundings in millimetres, and the base that carries them.
 PLACES = {
@@ -35,4 +35,4 @@ def run(args: argparse.Namespace) -> list[Result]:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

@@ -17,26 +17,24 @@ from intaglio.scenes import (
     bird_bath,
     bunny_scan,
     cut_statue,
-    cylinder_bumps,
-    cylinder_wave,
     face_holes,
     golf_ball,
     golf_ball_hole,
     golf_ball_mesh,
     holed_scans,
     occluded_bumps,
-    plane_wave,
     sea_vase,
+    simple_patterns,
     tower,
 )
-from intaglio.scenes.common import Result, options
+from intaglio.scenes.common import Result, main
 
 Array = np.ndarray
 
 SCENES: tuple[Callable[[argparse.Namespace], Any], ...] = tuple(
     module.run
     for module in (
-        golf_ball, golf_ball_hole, tower, occluded_bumps, cylinder_bumps, cylinder_wave, plane_wave, bark, cut_statue,
+        golf_ball, golf_ball_hole, tower, occluded_bumps, simple_patterns, bark, cut_statue,
         holed_scans, golf_ball_mesh, bunny_scan, face_holes, sea_vase, bird_bath,
     )
 )  # fmt: skip
@@ -63,4 +61,4 @@ def run(args: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import Surface, surface_from_range_image
-from intaglio.render import Camera, range_scan
+from intaglio.render import Viewpoint, range_scan
 from intaglio.scenes.ball import RADIUS, ball
-from intaglio.scenes.common import Result, options, run_scene
+from intaglio.scenes.common import Result, main, run_scene
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 24, "spacing": 0.62, "refine": 4}
 NOISE = 0.01  # mm, a good desktop scanner's
@@ -23,7 +23,7 @@ def one_view(surface: Surface, *, pixels: int = 76, noise: float = NOISE, seed: 
     """Return the scan of a ball about the origin from the +z side."""
     distance = 14 * RADIUS
     reach = 2 * np.degrees(np.arcsin(1.02 * RADIUS / distance))
-    camera = Camera((0.0, 0.0, distance), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), fov=float(reach))
+    camera = Viewpoint((0.0, 0.0, distance), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), fov=float(reach))
     seen = range_scan(
         surface.vertices, surface.faces, camera=camera, size=(pixels, pixels), noise=noise, steepest=72.0, seed=seed
     )
@@ -37,4 +37,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

@@ -9,7 +9,7 @@ import numpy as np
 
 from intaglio.mesh import Surface
 from intaglio.scenes.ball import RADIUS, ball
-from intaglio.scenes.common import Result, options, run_scene
+from intaglio.scenes.common import Result, main, run_scene
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 7, "rotations": 12, "extent": "holes", "refine": 4}
 
@@ -29,4 +29,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

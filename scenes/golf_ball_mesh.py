@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import Surface, read_surface
-from intaglio.scenes.common import Result, options, real_data, run_scene
+from intaglio.scenes.common import Result, main, real_data, run_scene
 from intaglio.scenes.golf_ball import NOISE, one_view
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 12, "spacing": 0.5, "refine": 4}
@@ -24,4 +24,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

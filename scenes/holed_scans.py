@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import SmoothBase, Surface, adjacency, read_surface
-from intaglio.relief import clay_pictures, fixed_cameras, largest_filling, shown, smoothed, viewpoints
-from intaglio.scenes.common import SMOOTH, Result, options, real_data, run_scene
+from intaglio.relief import choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured, smooth_over_surface
+from intaglio.scenes.common import SMOOTH, Result, main, real_data, run_scene
 
 Array = np.ndarray
 
@@ -37,7 +37,7 @@ def without_relief(whole: Surface) -> Surface:
     """Return the completion with its filled part as mesh programs leave it: biharmonic, joining the scan smoothly."""
     assert isinstance(whole.model, SmoothBase)
     filled = ~whole.measured
-    vertices = smoothed(
+    vertices = smooth_over_surface(
         whole.vertices, whole.base, whole.faces, whole.model.relief_scale, weight=np.zeros(len(filled)), free=filled
     )  # fmt: skip
     return replace(whole, vertices=vertices)
@@ -45,8 +45,8 @@ def without_relief(whole: Surface) -> Surface:
 
 def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:
     """Render the smooth filling from where the completion is seen, in clay."""
-    cameras = fixed_cameras(whole, viewpoints(whole))
-    return {SMOOTH: clay_pictures(without_relief(whole).part(shown(whole, whole)), cameras, color=False)}
+    cameras = fixed_cameras(whole, choose_viewpoints(whole))
+    return {SMOOTH: clay_pictures(without_relief(whole).part(mark_pictured(whole, whole)), cameras, color=False)}
 
 
 def relief_energy(surface: Surface) -> float:
@@ -80,4 +80,4 @@ def run(args: argparse.Namespace) -> list[Result]:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

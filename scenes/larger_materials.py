@@ -11,7 +11,7 @@ from intaglio.files import listing, picture_row, read_image, write_image, write_
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.photometric import LambertBasis, Relightable
 from intaglio.progress import ProgressBar
-from intaglio.scenes.common import data_folder, options, real_data, side_by_side
+from intaglio.scenes.common import data_folder, main, real_data, side_by_side
 from intaglio.synthesis import THESIS_LIGHTS, Synthesis, SynthesisReport, assess_synthesis, quilt
 
 Array = np.ndarray
@@ -94,4 +94,4 @@ def _rows(name: str, maps: list[Array], result: Synthesis) -> list[str]:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__, MATERIALS)

@@ -11,7 +11,7 @@ from skimage import data
 from intaglio.files import listing, picture_row, read_image, table, write_image, write_page
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.progress import ProgressBar
-from intaglio.scenes.common import data_folder, options, side_by_side
+from intaglio.scenes.common import data_folder, main, side_by_side
 from intaglio.synthesis import SynthesisReport, assess_synthesis, grow, quilt
 
 Array = np.ndarray
@@ -86,4 +86,4 @@ def run(
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

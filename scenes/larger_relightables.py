@@ -10,14 +10,14 @@ from intaglio.files import listing, picture_row, table, write_image, write_page
 from intaglio.photometric import PhotometricStack, Relightable, bsdf_of, read_stack, represent
 from intaglio.progress import ProgressBar
 from intaglio.render import relit_plane
-from intaglio.scenes.common import data_folder, options, side_by_side
+from intaglio.scenes.common import data_folder, main, side_by_side
 from intaglio.scenes.rough_surfaces import thesis_surfaces
 from intaglio.synthesis import (
     THESIS_LIGHTS,
     SynthesisReport,
     assess_synthesis,
-    copied_texture,
-    places,
+    copy_texture,
+    pixel_positions,
     synthesize,
     synthesize_each_light,
 )
@@ -37,8 +37,8 @@ RESULT = 288
 
 def cropped(texture: Relightable, rows: slice, columns: slice) -> Relightable:
     """Return a patch of a texture."""
-    patch = places(texture.maps.shape[1:3])[rows, columns]
-    return copied_texture(texture, patch, None if texture.mask is None else texture.mask[rows, columns])
+    patch = pixel_positions(texture.maps.shape[1:3])[rows, columns]
+    return copy_texture(texture, patch, None if texture.mask is None else texture.mask[rows, columns])
 
 
 def stacks(args: argparse.Namespace, size: int) -> dict[str, tuple[PhotometricStack, tuple[slice, slice]]]:
@@ -55,7 +55,7 @@ def stacks(args: argparse.Namespace, size: int) -> dict[str, tuple[PhotometricSt
 def rendered_difference(texture: Relightable, light: Array) -> float:
     """Return the largest difference between the texture's render on a plane and its own relighting, over the largest value."""
     own = texture.relight(light)
-    image = relit_plane(bsdf_of(texture, tiled=False, smooth=False), (own.shape[1], own.shape[0]), light)
+    image = relit_plane(bsdf_of(texture, tiled=False, smooth=False), own.shape[:2], light)
     return float(np.abs(image - own).max() / own.max())
 
 
@@ -129,4 +129,4 @@ def run(args: argparse.Namespace, *, size: int = 128, result: int = RESULT) -> d
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

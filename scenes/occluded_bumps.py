@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import Plane, Surface, surface_from_range_image
-from intaglio.render import Camera, range_scan
-from intaglio.scenes.common import Result, options, run_scene
+from intaglio.render import Viewpoint, range_scan
+from intaglio.scenes.common import Result, main, run_scene
 from intaglio.scenes.patterns import grid_faces
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ def bumpy(steps: int = 400) -> Surface:
 def one_side(whole: Surface, *, pixels: int = 150, noise: float = NOISE, seed: int = 0) -> Surface:
     """Return what a scanner sees from 40 degrees off the normal."""
     away = np.radians(40.0)
-    camera = Camera((0.0, -600 * np.sin(away), 600 * np.cos(away)), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), fov=7.0)
+    camera = Viewpoint((0.0, -600 * np.sin(away), 600 * np.cos(away)), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), fov=7.0)
     seen = range_scan(whole.vertices, whole.faces, camera=camera, size=(pixels, pixels), noise=noise, steepest=80.0, seed=seed)
     return surface_from_range_image(seen.points, view=seen.view)
 
@@ -47,4 +47,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

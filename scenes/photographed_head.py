@@ -25,7 +25,7 @@ from intaglio.photographs import (
 )
 from intaglio.progress import ProgressBar
 from intaglio.render import compare, through_camera
-from intaglio.scenes.common import options, real_data, side_by_side
+from intaglio.scenes.common import main, real_data, side_by_side
 from intaglio.scenes.photographs import camera_towards, photographed
 
 Array = np.ndarray
@@ -165,4 +165,4 @@ def _novel_views(
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

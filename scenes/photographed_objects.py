@@ -22,7 +22,7 @@ from intaglio.photographs import (
     read_photographs,
 )
 from intaglio.progress import ProgressBar
-from intaglio.scenes.common import data_folder, options, real_data, side_by_side
+from intaglio.scenes.common import data_folder, main, real_data, side_by_side
 from intaglio.scenes.photographs import vertex_color_texture
 
 Array = np.ndarray
@@ -126,4 +126,4 @@ def _cropped(image: Array, shown: Array) -> Array:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__, SETS)

@@ -9,7 +9,7 @@ import numpy as np
 from intaglio.kernels.texels import rasterize
 from intaglio.mesh import Surface
 from intaglio.parameterization import Parameterization
-from intaglio.photographs import Binding, Camera, Photograph, bound_colors, spread_colors
+from intaglio.photographs import Binding, Camera, Photograph, mean_vertex_colors, spread_colors
 from intaglio.render import through_camera
 
 Array = np.ndarray
@@ -22,7 +22,7 @@ def camera_towards(target: Array, direction: Array, up: Array, distance: float, 
     right /= np.linalg.norm(right)
     turn = np.stack([right, -np.cross(back, right), -back])
     place = target + distance * back
-    width, height = size
+    height, width = size
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     return Camera(K=matrix, R=turn, t=-turn @ place, size=size)
 
@@ -64,7 +64,7 @@ def photographed(
 def vertex_color_texture(mesh: Surface, laid: Parameterization, binding: Binding, gains: Array, size: int) -> Array:
     """Return the texture (size, size, 3) that colours at the vertices alone would give."""
     face, weight = rasterize(laid.uv, laid.faces, size, size, "cpu")
-    colors = spread_colors(*bound_colors(binding, gains), mesh.faces)
+    colors = spread_colors(*mean_vertex_colors(binding, gains), mesh.faces)
     corner = mesh.faces[face]
     third = 1 - weight.sum(axis=2)
     image = (

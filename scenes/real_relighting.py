@@ -9,7 +9,7 @@ import numpy as np
 
 from intaglio.files import listing, picture_row, table, write_image, write_page
 from intaglio.photometric import KINDS, PhotometricStack, Reports, assess_kinds, read_stack, represent, tilt_and_slant
-from intaglio.scenes.common import data_folder, options, real_data
+from intaglio.scenes.common import data_folder, main, real_data
 
 Array = np.ndarray
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace, names: tuple[str, ...] = tuple(STACKS)) -> dic
         kinds = tuple(k for k in KINDS if k != "height") if stack.shape[0] > 100 else KINDS
         figures[name] = assess_kinds(stack.grey(), kinds, device=args.device)
         cells = [
-            " / ".join("–" if r is None else f"{r.normalised_rms:.3f}" for r in figures[name][k]) if k in figures[name] else "–"
+            " / ".join("–" if r is None else f"{r.normalized_rms:.3f}" for r in figures[name][k]) if k in figures[name] else "–"
             for k in KINDS
         ]
         rows.append([f"{name}, {stack.shape[0]} lights", *cells])
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace, names: tuple[str, ...] = tuple(STACKS)) -> dic
         body.append(picture_row(f"{name}: image {k}, predicted from the others", {n: p / top for n, p in pictures.items()}))
         row = np.concatenate([p / top for p in pictures.values()], axis=1)
         sheet.append(np.repeat(row, 3, axis=2) if row.shape[2] == 1 else row)
-        figures_of_best = min((r[1].normalised_rms, kind) for kind, r in figures[name].items() if r[1] is not None)
+        figures_of_best = min((r[1].normalized_rms, kind) for kind, r in figures[name].items() if r[1] is not None)
         notes.append(f"{name}: {figures_of_best[1]} predicts best, η {figures_of_best[0]:.3f}")
     page = args.output / "real_relighting.html"
     heading = "η of reconstruction / leaving one out, on the mean of the channels"
@@ -74,4 +74,4 @@ def run(args: argparse.Namespace, names: tuple[str, ...] = tuple(STACKS)) -> dic
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__, STACKS)

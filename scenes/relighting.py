@@ -10,7 +10,7 @@ import numpy as np
 from intaglio.files import listing, picture_row, table, write_image, write_page
 from intaglio.photometric import KINDS, Relightable, represent, surface_maps
 from intaglio.progress import ProgressBar
-from intaglio.scenes.common import options
+from intaglio.scenes.common import main
 from intaglio.scenes.rough_surfaces import HELD_OUT, RoughSurface, thesis_surfaces
 
 Array = np.ndarray
@@ -101,4 +101,4 @@ def run(args: argparse.Namespace, *, size: int = 160, samples: int = 64) -> list
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

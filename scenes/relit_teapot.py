@@ -8,8 +8,8 @@ import numpy as np
 
 from intaglio.files import write_image
 from intaglio.photometric import PhotometricStack, Relightable, bsdf_of, light_direction, represent, write_relightable
-from intaglio.render import Camera, Gloss, frame, photometric_capture, relit
-from intaglio.scenes.common import options
+from intaglio.render import Gloss, Viewpoint, frame, photometric_capture, relit
+from intaglio.scenes.common import main
 from intaglio.scenes.rough_surfaces import periodic_noise, wrapped
 from intaglio.scenes.teapot import teapot
 
@@ -42,7 +42,7 @@ def views(texture: Relightable, *, size: int = 480, samples: int = 64, seed: int
     bsdf = bsdf_of(texture, back=True)
     rows = []
     for direction in VIEWS.values():
-        camera: Camera = frame(vertices, direction, margin=0.77)
+        camera: Viewpoint = frame(vertices, direction, margin=0.77)
         rows.append(
             [
                 relit(
@@ -52,7 +52,7 @@ def views(texture: Relightable, *, size: int = 480, samples: int = 64, seed: int
                     bsdf,
                     camera=camera,
                     light=light,
-                    size=(size, size * 3 // 4),
+                    size=(size * 3 // 4, size),
                     samples=samples,
                     background=0.6,
                     seed=seed,
@@ -82,4 +82,4 @@ def run(args: argparse.Namespace, *, kinds: tuple[str, ...] = ("gradient", "rbf"
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

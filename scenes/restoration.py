@@ -10,8 +10,8 @@ import numpy as np
 
 from intaglio.files import picture_row, read_image, table, write_image, write_page
 from intaglio.kernels.transfer import decode_srgb, encode_srgb
-from intaglio.restoration import RestorationReport, assess_restoration, restore, restore_in_detail
-from intaglio.scenes.common import data_folder, options, real_data, side_by_side
+from intaglio.restoration import RestorationReport, assess_restoration, restore
+from intaglio.scenes.common import data_folder, main, real_data, side_by_side
 
 Array = np.ndarray
 
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace, *, size: tuple[int, int] = SIZE) -> dict[tuple
         shown = {"damaged": damaged}
         for method in OURS:
             start = time.perf_counter()
-            result = restore_in_detail(damaged, missing, method, device=args.device)
+            result = restore(damaged, missing, method, device=args.device)
             seconds = time.perf_counter() - start
             shown[method] = result.image
             figures[name, method] = assess_restoration(result.image, missing, truth)
@@ -132,4 +132,4 @@ def _row(name: str, method: str, r: RestorationReport, seconds: float) -> tuple[
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import Surface, read_surface
-from intaglio.scenes.common import Result, largest_piece, options, real_data, run_scene
+from intaglio.scenes.common import Result, largest_piece, main, real_data, run_scene
 
 BAND = (8.0, 72.0)  # millimetres above the middle, where the wall is nearly upright
 UNSEEN = 120.0  # degrees
@@ -35,4 +35,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

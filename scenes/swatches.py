@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from intaglio.geometry import RADIUS, thinned
+from intaglio.geometry import RADIUS, thin_points
 
 Array = np.ndarray
 
@@ -39,7 +39,7 @@ def swept(line: Array, radius: float | Array, spacing: float, *, closed: bool = 
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     normal = np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * np.cross(t, u)
     points = center + normal * radii[index][:, None]
-    chosen = thinned(points, normal, RADIUS * spacing, seed)
+    chosen = thin_points(points, normal, RADIUS * spacing, seed)
     return points[chosen], normal[chosen]
 
 
@@ -145,7 +145,7 @@ def _union(parts: list[tuple[Array, Array, Array]], spacing: float, seed: int) -
     for center, axes, half in parts:
         outside &= (((found - center) @ axes.T / half) ** 2).sum(axis=1) > 1 - 1e-9
     found, facing = found[outside], facing[outside]
-    chosen = thinned(found, facing, RADIUS * spacing, seed)
+    chosen = thin_points(found, facing, RADIUS * spacing, seed)
     return found[chosen], facing[chosen]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.mesh import Cylinder, Surface
-from intaglio.scenes.common import Result, options, run_scene
+from intaglio.scenes.common import Result, main, run_scene
 from intaglio.scenes.patterns import grid_faces
 
 Array = np.ndarray
@@ -63,4 +63,4 @@ def run(args: argparse.Namespace) -> Result:
 
 
 if __name__ == "__main__":
-    run(options(__doc__ or ""))
+    main(run, __doc__)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
 import time
 
 import numpy as np
 
 from intaglio.files import write_image
-from intaglio.geometry import extend_geometry, mesh_geometry, wrap_geometry
+from intaglio.geometry import PointSet, extend_geometry, mesh_geometry, wrap_geometry
 from intaglio.mesh import grid_faces
 from intaglio.progress import ProgressBar
 from intaglio.render import Light, frame, view
-from intaglio.scenes.common import options
-from intaglio.scenes.weave import swatch
+from intaglio.scenes.common import main
+from intaglio.scenes.geometry_textures import weave_swatch
 
 Array = np.ndarray
 
@@ -34,10 +35,9 @@ def vase(columns: int = 96, rows: int = 96) -> tuple[Array, Array, Array]:
     return place.reshape(-1, 3), grid_faces(columns + 1, rows), np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def main() -> None:
+def run(args: argparse.Namespace) -> PointSet:
     """Run the scene."""
-    args = options(__doc__ or "")
-    texture = swatch()
+    texture = weave_swatch()
     print("Weave on a vase: extending …")
     start = time.perf_counter()
     with ProgressBar("laying patches") as bar:
@@ -53,13 +53,14 @@ def main() -> None:
     mesh.write(args.output / "weave_on_vase.glb")
     looks = [frame(vertices, np.array(towards), up=(0.0, 0.0, 1.0)) for towards in ((1.0, -2.0, 0.5), (-1.5, -1.2, 1.6))]
     light = Light(tilt=135.0, slant=55.0)
-    pictures = [view(mesh.vertices, mesh.faces, camera=look, light=light, size=(800, 900)) for look in looks]
+    pictures = [view(mesh.vertices, mesh.faces, camera=look, light=light, size=(900, 800)) for look in looks]
     write_image(np.concatenate(pictures, axis=1), args.output / "weave_on_vase.png")
     print(f"  tile of {len(tile)} points in {extended:.2f} s; {len(covered)} points carried over the vase in {carried:.2f} s")
     print(f"  {covered.notes[-1]}")
     print(f"  mesh of {len(mesh.faces)} triangles")
     print(f"wrote weave_on_vase.ply, .glb and .png to {args.output}")
+    return covered
 
 
 if __name__ == "__main__":
-    main()
+    main(run, __doc__)

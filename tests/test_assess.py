@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from reliefs import complete_with
 
 import intaglio
 from intaglio.relief.seam import seam_measure
@@ -77,7 +78,7 @@ def test_histogram_overlap():
 @pytest.fixture(scope="module")
 def assessed(wave_tube):
     scan, truth = wave_tube
-    whole = intaglio.complete_relief(scan, cylinder_base(), 2, 0.1)
+    whole = complete_with(scan, cylinder_base(), 2, 0.1)
     return scan, truth, whole, intaglio.assess_relief(whole, truth)
 
 
@@ -117,7 +118,7 @@ def test_what_cannot_be_assessed(wave_tube):
     scan, truth = wave_tube
     with pytest.raises(intaglio.InputError, match="nothing to assess"):
         intaglio.assess_relief(scan)
-    whole = intaglio.complete_relief(scan, cylinder_base(), 2)
+    whole = complete_with(scan, cylinder_base(), 2)
     away = intaglio.Surface(vertices=truth.vertices + 1e4, faces=truth.faces)
     with pytest.raises(intaglio.InputError, match="same coordinates"):
         intaglio.assess_relief(whole, away)

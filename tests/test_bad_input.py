@@ -6,6 +6,7 @@ import os
 
 import numpy as np
 import pytest
+from reliefs import complete_with
 
 import intaglio
 from intaglio import InputError, IntaglioError, Surface
@@ -165,14 +166,14 @@ def test_more_than_two_faces_at_an_edge():
         ("extent", (3, 1, 0, 1), "low"),
         ("extent", (1, 2), "4 finite"), ("base", "cone", "cone"), ("device", "cuda:99", "available"), ("levels", 9, "levels"),
         ("color_weight", 0.5, "color_weight"), ("frames", "spiral", "frames"), ("engine", "fpga", "engine"),
-        ("factor", 0.5, "factor"), ("eta", 0.0, "eta"), ("selection", "worst", "selection"), ("search", "tree", "search"),
+        ("tolerance", -0.5, "tolerance"), ("eta", 0.0, "eta"), ("rule", "worst", "selection"), ("search", "tree", "search"),
     ],
 )  # fmt: skip
 def test_arguments(name, value, message):
     vertices, faces = square()
     settings = {"base": "plane", "window": 2, "extent": (-3, 14, 0, 11), name: value}
     with pytest.raises(InputError, match=message):
-        intaglio.complete_relief(Surface(vertices=vertices, faces=faces), **settings)
+        complete_with(Surface(vertices=vertices, faces=faces), **settings)
 
 
 def test_a_scan_that_covers_its_base_twice():
@@ -192,13 +193,13 @@ def test_a_scan_that_covers_its_base_twice():
         ("picture.ply", b"\x89PNG\r\n\x1a\n" + bytes(50), "not PLY"),
         ("cut.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "no end"),
         ("short.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 900\nproperty float x\nproperty float y\n"
-                      b"property float z\nend_header\nabc", "no readable PLY"),
+                      b"property float z\nend_header\nabc", "can't be read as PLY"),
         ("cutface.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
                         b"element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-         "cut off|no readable"),
+         "cut off|can't be read"),
         ("scan.xyz", b"1 2 3\n", "unknown mesh type"),
-        ("noise.stl", b"\x00\x01\x02" * 30, "short|no readable|no vertices|holds"),
-        ("text.glb", b"hello world, this is no glTF", "no readable"),
+        ("noise.stl", b"\x00\x01\x02" * 30, "short|can't be read|no vertices|holds"),
+        ("text.glb", b"hello world, this is no glTF", "can't be read as GLB"),
     ],
 )  # fmt: skip
 def test_files_that_are_no_meshes(tmp_path, name, content, message):
@@ -251,7 +252,7 @@ def test_a_truth_without_faces(wave_sheet):
     ("name", "value"),
     [
         ("spacing", "x"),
-        ("factor", "x"),
+        ("tolerance", "x"),
         ("extent", ("a", 1)),
         ("error", [1, 2]),
         ("progress", 3),
@@ -264,7 +265,7 @@ def test_arguments_of_the_wrong_type(name, value):
     vertices, faces = square()
     settings = {"base": "plane", "window": 2, "extent": (-3, 14, 0, 11), name: value}
     with pytest.raises(InputError):
-        intaglio.complete_relief(Surface(vertices=vertices, faces=faces), **settings)
+        complete_with(Surface(vertices=vertices, faces=faces), **settings)
 
 
 def test_an_extent_off_the_scan():

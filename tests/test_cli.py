@@ -129,6 +129,8 @@ def test_interrupted_work_leaves_no_file(cap, tmp_path):
     script.write_text(
         "import os, signal, sys\n"
         "from intaglio import cli, progress\n"
+        # A process that a background job starts ignores the signal unless it says otherwise.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "shown = progress.ProgressBar.update\n"
         "def update(self, done, total):\n"
         "    shown(self, done, total)\n"
@@ -151,7 +153,7 @@ def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
     assert status == 0, err
     assert "2 lights" in out
     assert "light slant 0.0 to 45.0" in out
-    assert "1 of its 2 images are not there" in out
+    assert "1 of its 2 images are missing" in out
     intaglio.write_image(np.full((4, 6, 3), 0.5), tmp_path / "b b.png")
     status, out, err = run(monkeypatch, capsys, "info", tmp_path / "capture.lp")
     assert status == 0, err
@@ -159,4 +161,4 @@ def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
     (tmp_path / "bad.lp").write_text("3\na.png 0 0 1\n")
     status, _, err = run(monkeypatch, capsys, "info", tmp_path / "bad.lp")
     assert status == 2
-    assert "promises 3 images, but 1 follow" in err
+    assert "declares 3 images, but 1 follow" in err

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reliefs import complete_with
 
 import intaglio
 from intaglio.kernels.launch import set_threads
 from intaglio.mesh.topology import border_edges, border_loops, directed_edges, edge_keys, pieces, unique_edges
 from intaglio.relief.ground.prepare import prepare_ground
 from intaglio.relief.growth.displacement_metric import DisplacementMetric
-from intaglio.relief.growth.propagation import Selection, State
 from intaglio.relief.growth.samples import sample_set
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import State
 from intaglio.scenes.patterns import cylinder_base, plane_base
 
 
@@ -28,7 +30,7 @@ def euler(surface):
 
 @pytest.fixture(scope="module")
 def whole_cap(cap):
-    return intaglio.complete_relief(cap, "sphere", window=4, rotations=2, seed=3)
+    return complete_with(cap, "sphere", window=4, rotations=2, seed=3)
 
 
 def test_measured_vertices_keep_their_bits_and_faces(cap, whole_cap):
@@ -59,7 +61,7 @@ def test_triangles_are_well_shaped_and_face_outwards(cap, whole_cap):
 
 
 def test_provenance_names_a_measured_vertex_and_its_relief(cap):
-    whole = intaglio.complete_relief(cap, "sphere", window=3, oversample=False)
+    whole = complete_with(cap, "sphere", window=3, oversample=False)
     filled = ~whole.measured
     assert (whole.source[filled] >= 0).all()
     assert whole.measured[whole.source].all()
@@ -79,7 +81,7 @@ def test_same_seed_same_bits_for_any_number_of_threads(cap, settings):
     try:
         for count in (1, 2, 3):
             set_threads(count)
-            results.append(intaglio.complete_relief(cap, "sphere", window=3, rotations=2, seed=5, device="cpu", **settings))
+            results.append(complete_with(cap, "sphere", window=3, rotations=2, seed=5, device="cpu", **settings))
     finally:
         set_threads(None)
     for other in results[1:]:
@@ -88,7 +90,7 @@ def test_same_seed_same_bits_for_any_number_of_threads(cap, settings):
 
 
 def test_another_seed_gives_another_completion(cap):
-    a, b = (intaglio.complete_relief(cap, "sphere", window=3, seed=s, factor=1.5) for s in (1, 2))
+    a, b = (complete_with(cap, "sphere", window=3, seed=s, tolerance=0.5) for s in (1, 2))
     assert (a.source != b.source).any()
 
 
@@ -98,8 +100,8 @@ def test_engines_complete_alike(cap, engine, device):
         pytest.skip("BLAS runs on the CPU")
     small = cap.part(np.linalg.norm(cap.vertices - cap.vertices.mean(axis=0), axis=1) < 6)
     settings = {"window": 3, "rotations": 3, "seed": 2, "oversample": False, "spacing": 0.8}
-    result = intaglio.complete_relief(small, "sphere", engine=engine, device=device, **settings)
-    default = intaglio.complete_relief(small, "sphere", device="cpu", **settings)
+    result = complete_with(small, "sphere", engine=engine, device=device, **settings)
+    default = complete_with(small, "sphere", device="cpu", **settings)
     if device == "cpu":
         np.testing.assert_array_equal(result.source, default.source)
     else:
@@ -111,7 +113,7 @@ def test_engines_complete_alike(cap, engine, device):
 @pytest.mark.parametrize("order", ["wave", "sequential"])
 def test_a_wave_on_a_cylinder_is_continued_exactly(wave_tube, metric, order):
     scan, truth = wave_tube
-    whole = intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, metric=metric, order=order, seed=1)
+    whole = complete_with(scan, cylinder_base(), 2, 0.1, metric=metric, order=order, seed=1)
     assert (~whole.measured).sum() == 576
     report = intaglio.assess_relief(whole, truth)
     assert abs(report.msi_percent) < 2
@@ -124,13 +126,13 @@ def test_a_plane_in_a_plane_out(wave_sheet):
     scan, _ = wave_sheet
     flat = intaglio.Surface(vertices=scan.vertices * (1, 1, 0) + (0, 0, 3.0), faces=scan.faces)
     holed = flat.part(np.linalg.norm(flat.vertices[:, :2] - 20, axis=1) > 6)
-    filled = intaglio.complete_relief(holed, "plane", window=3)
+    filled = complete_with(holed, "plane", window=3)
     np.testing.assert_allclose(filled.vertices[:, 2], 3.0, atol=1e-9)
 
 
 def test_rectangle_reaches_beyond_the_scan(wave_sheet):
     scan, truth = wave_sheet
-    whole = intaglio.complete_relief(scan, plane_base(), 2, 0.1, extent=(0, 74, 0, 40), seed=1)
+    whole = complete_with(scan, plane_base(), 2, 0.1, extent=(0, 74, 0, 40), seed=1)
     assert (~whole.measured).sum() == 1394
     assert_manifold(whole)
     assert euler(whole) == 1
@@ -140,7 +142,7 @@ def test_rectangle_reaches_beyond_the_scan(wave_sheet):
 def test_holes_only_leaves_the_outer_border(cap):
     center = cap.vertices[np.argmin(np.abs(cap.vertices - cap.vertices.mean(axis=0)).sum(axis=1))]
     holed = cap.part(np.linalg.norm(cap.vertices - center, axis=1) > 2)
-    whole = intaglio.complete_relief(holed, "sphere", window=3, extent="holes")
+    whole = complete_with(holed, "sphere", window=3, extent="holes")
     loops = border_loops(whole.faces)
     assert len(loops) == 1
     assert len(loops[0]) == len(border_loops(cap.faces)[0])
@@ -148,7 +150,7 @@ def test_holes_only_leaves_the_outer_border(cap):
 
 
 def test_a_cap_of_a_sphere_can_be_asked_for(cap):
-    whole = intaglio.complete_relief(cap, "sphere", window=3, extent=(75.0,))
+    whole = complete_with(cap, "sphere", window=3, extent=(75.0,))
     assert_manifold(whole)
     assert euler(whole) == 1
     axis = np.array([0.0, 0.0, 1.0])
@@ -160,7 +162,7 @@ def test_an_island_in_a_hole_is_kept(wave_sheet):
     scan, _ = wave_sheet
     distance = np.linalg.norm(scan.vertices[:, :2] - 20, axis=1)
     ringed = scan.part((distance > 12) | (distance < 5.5))
-    whole = intaglio.complete_relief(ringed, plane_base(), 2, extent="holes")
+    whole = complete_with(ringed, plane_base(), 2, extent="holes")
     assert whole.vertices[: len(ringed.vertices)].tobytes() == ringed.vertices.tobytes()
     assert pieces(whole.faces, len(whole.vertices))[0] == 1
     assert euler(whole) == 1
@@ -168,17 +170,17 @@ def test_an_island_in_a_hole_is_kept(wave_sheet):
 
 def test_frames_do_not_change_what_is_measured(cap):
     for frames in ("algebraic", "sweep"):
-        whole = intaglio.complete_relief(cap, "sphere", window=3, frames=frames, rotations=2)
+        whole = complete_with(cap, "sphere", window=3, frames=frames, rotations=2)
         assert whole.vertices[: len(cap.vertices)].tobytes() == cap.vertices.tobytes()
         assert whole.relief[~whole.measured].std() > 0.5 * whole.relief[whole.measured].std()
 
 
 @pytest.mark.parametrize(
-    "settings", [{"bootstrap": True}, {"bootstrap": True, "metric": "surface"}, {"selection": "best-percent"}]
+    "settings", [{"bootstrap": True}, {"bootstrap": True, "metric": "surface"}, {"rule": "best-percent"}]
 )
 def test_options_of_the_papers_run_and_fill_everything(wave_tube, settings):
     scan, _ = wave_tube
-    whole = intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, **settings)
+    whole = complete_with(scan, cylinder_base(), 2, 0.1, **settings)
     assert (whole.source >= 0).all()
     assert whole.measured[whole.source].all()
 
@@ -187,9 +189,9 @@ def test_colour_travels_with_relief(wave_tube):
     scan, _ = wave_tube
     color = np.random.default_rng(0).uniform(size=(len(scan.vertices), 3)).astype(np.float32)
     coloured = intaglio.Surface(vertices=scan.vertices, faces=scan.faces, color=color)
-    whole = intaglio.complete_relief(coloured, cylinder_base(), 2, oversample=False)
+    whole = complete_with(coloured, cylinder_base(), 2, oversample=False)
     np.testing.assert_array_equal(whole.color, whole.color[whole.source])
-    oversampled = intaglio.complete_relief(coloured, cylinder_base(), 2, oversample=True)
+    oversampled = complete_with(coloured, cylinder_base(), 2, oversample=True)
     assert oversampled.color.min() >= 0
     assert oversampled.color.max() <= 1
 
@@ -201,13 +203,13 @@ def full_matching_error(scan, whole):
     count = len(whole.vertices)
     state = State(whole.relief, np.ones(count, bool), whole.source, np.zeros(count), np.zeros(count), None, np.full(count, -1))
     targets = np.flatnonzero(~whole.measured)
-    rule = Selection("near-best", 1.0, 100.0, np.inf)
+    rule = Selection("near-best", tolerance=0.0)
     return metric.pick(targets, np.full(len(targets), 5), state, rule, np.zeros(len(targets))).error.mean()
 
 
 def test_refinement_lowers_the_matching_error_and_keeps_sources(cap):
-    grown = intaglio.complete_relief(cap, "sphere", window=5, rotations=4, seed=1)
-    refined = intaglio.complete_relief(cap, "sphere", window=5, rotations=4, seed=1, refine=4)
+    grown = complete_with(cap, "sphere", window=5, rotations=4, seed=1)
+    refined = complete_with(cap, "sphere", window=5, rotations=4, seed=1, refine=4)
     filled = ~grown.measured
     assert refined.measured[refined.source].all()
     assert refined.vertices[~filled].tobytes() == grown.vertices[~filled].tobytes()
@@ -220,7 +222,7 @@ def test_refinement_lowers_the_matching_error_and_keeps_sources(cap):
 def test_progress_counts_every_vertex(wave_tube):
     scan, _ = wave_tube
     calls = []
-    intaglio.complete_relief(scan, cylinder_base(), 2, progress=lambda done, total: calls.append((done, total)))
+    complete_with(scan, cylinder_base(), 2, progress=lambda done, total: calls.append((done, total)))
     assert calls[0] == (0, 576)
     assert calls[-1] == (576, 576)
     assert [c[0] for c in calls] == sorted(c[0] for c in calls)
@@ -228,7 +230,7 @@ def test_progress_counts_every_vertex(wave_tube):
 
 def test_made_up_relief_does_not_become_measured(whole_cap, cap, tmp_path):
     with pytest.raises(intaglio.InputError, match="filled, not measured"):
-        intaglio.complete_relief(whole_cap, "sphere")
+        complete_with(whole_cap, "sphere")
     whole_cap.write(tmp_path / "w.ply")
     again = intaglio.read_surface(tmp_path / "w.ply", repair=True)
     np.testing.assert_array_equal(again.measured, whole_cap.measured)
@@ -242,10 +244,8 @@ def test_made_up_relief_does_not_become_measured(whole_cap, cap, tmp_path):
 def test_the_unit_does_not_matter(wave_sheet, scale):
     scan, _ = wave_sheet
     holed = scan.part(np.linalg.norm(scan.vertices[:, :2] - 20, axis=1) > 5)
-    plain = intaglio.complete_relief(holed, "plane", window=3, refine=2)
-    scaled = intaglio.complete_relief(
-        intaglio.Surface(vertices=holed.vertices * scale, faces=holed.faces), "plane", window=3, refine=2
-    )
+    plain = complete_with(holed, "plane", window=3, refine=2)
+    scaled = complete_with(intaglio.Surface(vertices=holed.vertices * scale, faces=holed.faces), "plane", window=3, refine=2)
     assert len(scaled.vertices) == len(plain.vertices)
     np.testing.assert_allclose(scaled.relief.std() / scale, plain.relief.std(), rtol=0.05)
 
@@ -253,7 +253,7 @@ def test_the_unit_does_not_matter(wave_sheet, scale):
 def test_a_spacing_that_is_given_is_used_on_a_lattice_too(wave_sheet):
     scan, _ = wave_sheet
     holed = scan.part(np.linalg.norm(scan.vertices[:, :2] - 20, axis=1) > 6)
-    own, finer = (intaglio.complete_relief(holed, plane_base(), 2, spacing=s, extent="holes") for s in (None, 0.5))
+    own, finer = (complete_with(holed, plane_base(), 2, spacing=s, extent="holes") for s in (None, 0.5))
     assert any("lattice" in note for note in own.notes)
     assert not any("lattice" in note for note in finer.notes)
     assert 3 < (~finer.measured).sum() / (~own.measured).sum() < 6

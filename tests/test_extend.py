@@ -114,7 +114,7 @@ def test_the_warp_brings_patches_onto_what_is_there(cloth, monkeypatch):
         share = np.concatenate([p.share_of_old(*new["point"][group == b, :2].T) for b, p in enumerate(places)])
         at = share > 0.3
         feet = surface.project(new["point"][at], facing=new["normal"][at], group=group[at], reach=1.0)
-        apart[self.settings.warp].append(np.abs(((feet.points - new["point"][at]) * feet.normals).sum(axis=1))[feet.found])
+        apart[self.settings.fit.warp].append(np.abs(((feet.points - new["point"][at]) * feet.normals).sum(axis=1))[feet.found])
         return blend(self, places, old, surface, new, group)
 
     monkeypatch.setattr(PatchFitter, "_blend", measure)
@@ -160,7 +160,7 @@ def test_one_thread_and_two_give_the_same_bits(cloth):
     for count in (1, 2):
         set_threads(count)
         try:
-            found.append(extend_geometry(cloth, (9, 8), 3.0, seed=4, toroidal=False))
+            found.append(extend_geometry(cloth, (9, 8), 3.0, seed=4, tileable=False))
         finally:
             set_threads(None)
     for name in ("points", "normals", "source", "moved", "patch"):
@@ -176,7 +176,7 @@ def test_patches_together_are_patches_one_by_one(cloth, monkeypatch):
 
 
 def test_a_toroidal_output_tiles(cloth):
-    tile = extend_geometry(cloth, (10, 10), 3.0, toroidal=True, seed=1)
+    tile = extend_geometry(cloth, (10, 10), 3.0, tileable=True, seed=1)
     shifts = [(10.0 * i, 10.0 * j, 0.0) for i in range(2) for j in range(2)]
     points = np.concatenate([tile.points + s for s in shifts])
     patch = np.concatenate([tile.patch + 1000 * k for k in range(4)])
@@ -197,7 +197,7 @@ def test_a_toroidal_output_tiles(cloth):
 @pytest.mark.parametrize("overlap", [0.6, 1.2, 1.5])
 def test_toroidal_boxes_replace_nothing_past_the_period_but_by_overlapping_it(overlap):
     for size in (6.7, 8.7, 12.0, 13.1):
-        layout = lay_out(np.array([size, size]), np.array([3.0, 3.0]), overlap, 0.75, 0.5, toroidal=True)
+        layout = lay_out(np.array([size, size]), np.array([3.0, 3.0]), overlap, 0.75, 0.5, tileable=True)
         for place in layout.places:
             for axis in range(2):
                 past = place.high[axis] - size
@@ -213,7 +213,7 @@ def test_a_wave_goes_on_across_the_border_of_a_tile():
     normals = np.stack([-dx, -dy, np.ones_like(z)], axis=-1).reshape(-1, 3)
     texture = geometry_from_points(np.stack([x, y, z], axis=-1).reshape(-1, 3), normals)
     for settings in ({}, {"overlap": 8.0}, {"max_error": 0.0}):
-        tile = extend_geometry(texture, 64, 16, toroidal=True, **settings)
+        tile = extend_geometry(texture, 64, 16, tileable=True, **settings)
         points = np.concatenate([tile.points + (64 * i, 64 * j, 0) for i in range(2) for j in range(2)])
         patch = np.concatenate([tile.patch + 1000 * k for k in range(4)])
         report = assess_geometry(PointSet(points, np.tile(tile.normals, (4, 1)), patch=patch), texture)
@@ -313,7 +313,7 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
         (8, 3.2, {"max_error": "x"}, "max_error must be"),
         (8, 3.2, {"weights": "tweed"}, "choose auto, height field"),
         (8, 3.2, {"weights": PairingWeights(1, 1, -1, 1)}, "length must be"),
-        (6, 3.2, {"toroidal": True}, "too small to close"),
+        (6, 3.2, {"tileable": True}, "too small to close"),
         (8, 3.2, {"seed": 1.5}, "seed must be"),
         (8, 3.2, {"device": "tpu"}, "not available"),
         (0, 3.2, {}, "size must be"),
@@ -321,7 +321,7 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
         (float("nan"), 3.2, {}, "size must be"),
         (1e6, 3.2, {}, "more than"),
         (8, -1, {}, "patch must be"),
-        (8, 3.2, {"toroidal": "no"}, "toroidal must be True or False"),
+        (8, 3.2, {"tileable": "no"}, "tileable must be True or False"),
         (8, 0.3, {}, "patch .* is too small"),
         (8, 3.2, {"weights": ["auto"]}, "are not known"),
         (1e300, 3.2, {}, "more than"),

@@ -10,7 +10,7 @@ from intaglio.geometry.buckets import RECORD, Buckets
 from intaglio.geometry.clustering import cluster
 from intaglio.geometry.layout import PatchPlace, lay_out
 from intaglio.geometry.normals import estimate_normals, is_height_field
-from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thinned
+from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thin_points
 from intaglio.geometry.spreading import spread
 from intaglio.geometry.warping import most_coherent, solve_splines
 from intaglio.kernels.launch import set_threads
@@ -272,7 +272,7 @@ def test_thinning_keeps_a_distance_and_leaves_no_room():
     rng = np.random.default_rng(4)
     points = np.concatenate([rng.random((20000, 2)), np.zeros((20000, 1))], axis=1)
     up = np.tile([0.0, 0, 1], (20000, 1))
-    kept = points[thinned(points, up, 0.05)]
+    kept = points[thin_points(points, up, 0.05)]
     from scipy.spatial import cKDTree
 
     tree = cKDTree(kept)
@@ -281,7 +281,7 @@ def test_thinning_keeps_a_distance_and_leaves_no_room():
     # Both sides of a sheet are kept.
     both = np.concatenate([points[:2000], points[:2000]])
     sides = np.concatenate([up[:2000], -up[:2000]])
-    assert len(thinned(both, sides, 0.05)) > 1.5 * len(thinned(points[:2000], up[:2000], 0.05))
+    assert len(thin_points(both, sides, 0.05)) > 1.5 * len(thin_points(points[:2000], up[:2000], 0.05))
 
 
 def test_triangles_are_sampled_evenly_and_at_the_distance_asked_for():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import argparse
 import re
 import warnings
 
@@ -10,16 +10,9 @@ import numpy as np
 import pytest
 
 from intaglio import IntaglioWarning, PointSet
+from intaglio.scenes import geometry_textures, weave_on_vase
 from intaglio.scenes.connections import broken_threads, closed_rings
 from intaglio.scenes.swatches import chain_mail, flowers, swept, weave
-from intaglio.scenes.weave_on_vase import vase
-
-SCENES = ("brick_height", "chain_mail", "weave", "flowers", "knit", "trellis", "chain_mail_scan", "weave_on_vase")
-DATA = {
-    "knit": "geotex/yarn_bcc/flame_ribbing_pattern.npz",
-    "trellis": "geotex/yarn_bcc/openwork_trellis_pattern.npz",
-    "chain_mail_scan": "geotex/chainmail004_points/chainmail004_points.ply",
-}
 
 
 def test_a_swept_circle_is_a_torus():
@@ -68,7 +61,7 @@ def test_cut_threads_and_rings_are_counted():
 
 
 def test_the_vase_is_laid_flat_without_shear_and_closes():
-    vertices, faces, uv = vase(48, 48)
+    vertices, faces, uv = weave_on_vase.vase(48, 48)
     edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
     flat = uv[faces[:, 1:]] - uv[faces[:, :1]]
     jacobian = np.einsum("fki,fkj->fij", np.linalg.inv(flat).transpose(0, 2, 1), edges)
@@ -80,15 +73,17 @@ def test_the_vase_is_laid_flat_without_shear_and_closes():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
-def test_a_scene_runs_and_shows_what_it_should(name, tmp_path, monkeypatch, capsys, real):
-    if name in DATA:
-        real(DATA[name])
-    monkeypatch.setattr("sys.argv", [name, "-o", str(tmp_path)])
+@pytest.mark.parametrize("name", [*geometry_textures.EXTENSIONS, "weave_on_vase"])
+def test_a_scene_runs_and_shows_what_it_should(name, tmp_path, capsys, real):
+    args = argparse.Namespace(output=tmp_path, seed=1, device=None)
+    if name in geometry_textures.EXTENSIONS and geometry_textures.EXTENSIONS[name].data:
+        real(geometry_textures.EXTENSIONS[name].data)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IntaglioWarning)
-        monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
-        importlib.import_module(f"intaglio.scenes.{name}").main()
+        if name == "weave_on_vase":
+            weave_on_vase.run(args)
+        else:
+            geometry_textures.run(args, names=(name,))
     said = capsys.readouterr().out
     assert (tmp_path / f"{name}.ply").exists()
     assert (tmp_path / f"{name}.png").exists()

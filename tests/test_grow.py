@@ -7,9 +7,9 @@ import pytest
 from skimage import data
 from synthesis_reference import best_neighbourhood
 
-from intaglio import InputError, grow
+from intaglio import InputError, Match, grow
 from intaglio.kernels.launch import set_threads
-from intaglio.synthesis.pyramid import halved, level_shape
+from intaglio.synthesis.pyramid import halve_planes, level_shape
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_the_search_finds_what_comparing_all_finds(metric, maps, tileable, searc
     rng = np.random.default_rng(maps)
     base = data.gravel()[:48, :60].astype(float)
     sample = np.stack([np.roll(base, 5 * i, 0) * (-1) ** i + 20 * rng.random(base.shape) for i in range(maps)], axis=2)
-    grow(sample, (37, 41), metric=metric, tileable=tileable, seed=2, levels=2, device=device)
+    grow(sample, (37, 41), match=Match(metric=metric), tileable=tileable, seed=2, levels=2, device=device)
     assert len(searches) == 2
     for search in searches:
         assert_best(search, 5, metric == "squared", tileable)
@@ -85,7 +85,7 @@ def test_filling_finds_what_comparing_all_finds(searches):
     image = data.brick()[:70, :80] / 255.0
     missing = np.zeros(image.shape, bool)
     missing[20:45, 30:60] = True
-    grow(image, missing=missing, levels=2, window=7)
+    grow(image, missing=missing, levels=2, window=3)
     for search in searches:
         assert_best(search, 7, False)
 
@@ -118,7 +118,7 @@ def test_pixels_not_searched_continue_their_left_neighbour(searches):
 
 def test_every_pixel_holds_what_its_source_holds():
     sample = np.random.default_rng(0).integers(0, 255, (30, 34, 4)).astype(np.uint8)
-    for options in ({}, {"exhaustive": 0.3}, {"tileable": True}, {"window": 3, "levels": 1}):
+    for options in ({}, {"exhaustive": 0.3}, {"tileable": True}, {"window": 1, "levels": 1}):
         result = grow(sample, (25, 41), seed=1, **options)
         assert result.maps.dtype == np.uint8
         np.testing.assert_array_equal(result.maps, sample[result.source[..., 0], result.source[..., 1]])
@@ -179,7 +179,7 @@ def test_a_level_is_half_as_large_and_holds_the_means_of_what_is_known():
     planes = np.full((2, 21, 30), 4.0, np.float32)
     planes[:, 5:12, 10:20] = np.nan
     known = np.isfinite(planes[0])
-    half, there = halved(planes, known)
+    half, there = halve_planes(planes, known)
     assert half.shape[1:] == there.shape == level_shape((21, 30), 1) == (11, 15)
     np.testing.assert_allclose(half[:, there], 4.0, rtol=1e-6)
     assert not there[4, 7]
@@ -202,7 +202,8 @@ def test_nothing_missing_changes_nothing():
         ({"missing": np.zeros((20, 20))}, "not float64"),
         ({"missing": np.eye(20, dtype=bool), "tileable": True}, "new textures"),
         ({"missing": np.eye(20, dtype=bool), "exhaustive": 0.5}, "new textures"),
-        ({"size": 30, "window": 4}, "odd"),
+        ({"size": 30, "window": 0}, "window must be"),
+        ({"size": 30, "window": 2.0}, "window must be"),
         ({"size": 30, "window": 99}, "window must be"),
         ({"size": 30, "levels": 0}, "levels must be"),
         ({"size": 30, "levels": 6}, "no 5 x 5 window"),

@@ -9,8 +9,10 @@ from reference import displacement_costs, surface_cost
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
 from intaglio.relief.ground.prepare import prepare_ground
-from intaglio.relief.growth.propagation import Selection, State, choose_near_best
+from intaglio.relief.growth.propagation import choose_near_best
 from intaglio.relief.growth.samples import sample_set
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import State
 from intaglio.relief.growth.surface_metric import SurfaceMetric
 from intaglio.scenes.patterns import cylinder_base
 
@@ -51,7 +53,7 @@ def test_engines_choose_the_same(device):
     chosen = []
     for engine in ["blas", "warp"] if device == "cpu" else ["warp"]:
         m = NeighbourhoodMatcher(sample, exists, permutation, device=device, engine=engine).match(value, weight, 1.3)
-        chosen.append(choose_near_best(m.candidate, m.cost, m.count, 1.3, draw))
+        chosen.append(choose_near_best(m.candidate, m.cost, m.count, 0.3, draw))
     for other in chosen[1:]:
         np.testing.assert_array_equal(chosen[0][0], other[0])
         np.testing.assert_array_equal(chosen[0][1], other[1])
@@ -63,7 +65,7 @@ def test_permuting_the_candidates_changes_nothing(device):
     order = np.random.default_rng(2).permutation(len(sample))
     plain = NeighbourhoodMatcher(sample, exists, permutation, device=device).match(value, weight, 1.0)
     mixed = NeighbourhoodMatcher(sample[order], exists[order], permutation, device=device).match(value, weight, 1.0)
-    best = [choose_near_best(m.candidate, m.cost, m.count, 1.0, np.zeros(len(value)))[0] for m in (plain, mixed)]
+    best = [choose_near_best(m.candidate, m.cost, m.count, 0.0, np.zeros(len(value)))[0] for m in (plain, mixed)]
     count = len(sample)
     np.testing.assert_array_equal(best[0] % count, order[best[1] % count])
     np.testing.assert_array_equal(best[0] // count, best[1] // count)
@@ -74,7 +76,7 @@ def test_a_target_that_no_sample_can_answer_has_no_match(device):
     matcher = NeighbourhoodMatcher(sample, np.zeros_like(exists), permutation, device=device)
     matches = matcher.match(value, weight)
     assert (matches.count == 0).all()
-    chosen, cost = choose_near_best(matches.candidate, matches.cost, matches.count, 1.1, np.zeros(len(value)))
+    chosen, cost = choose_near_best(matches.candidate, matches.cost, matches.count, 0.1, np.zeros(len(value)))
     assert (chosen == -1).all()
     assert np.isinf(cost).all()
 
@@ -129,7 +131,7 @@ def test_surface_metric_agrees_with_brute_force(wave_tube, device):
     near = [t for t in targets if ground.measured[ground.faces[(ground.faces == t).any(axis=1)]].any()]
     assert near
     picks = metric.pick(
-        np.array(near), np.full(len(near), window), state, Selection("near-best", 1.0, 10, np.inf), np.zeros(len(near))
+        np.array(near), np.full(len(near), window), state, Selection("near-best", tolerance=0.0), np.zeros(len(near))
     )
     sigma = (2 * window + 1) / 6.4 * ground.spacing
     for k, t in enumerate(near):

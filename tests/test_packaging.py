@@ -12,6 +12,22 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 FLOORS = {"kernels": 0, "render": 0, "toolkit": 1, "scenes": 2}
+LOOSE = {"arrays", "checks", "devices", "errors", "progress", "randomness", "sparse", "statistics"}
+# The rooms of toolkit/, each with what it may stand on below it. Rooms of one height don't import each other.
+HEIGHT = {
+    "files": 0,
+    "mesh": 1,
+    "parameterization": 2,
+    "photometric": 3,
+    "synthesis": 4,
+    "relief.ground": 5,
+    "relief.growth": 6,
+    "relief": 7,
+    "restoration": 7,
+    "photographs": 8,
+    "geometry": 8,
+    "cli": 9,
+}
 
 
 def modules(folder):
@@ -24,6 +40,18 @@ def imports(path):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             yield node.module
+
+
+def module_name(path):
+    inner = path.relative_to(ROOT).with_suffix("").parts
+    inner = inner[:-1] if inner[-1] == "__init__" else inner
+    return ".".join(["intaglio", *(inner[1:] if inner[0] == "toolkit" else inner)])
+
+
+def room_of(name):
+    """The innermost room of toolkit/ that a module lies in, or None."""
+    found = [room for room in HEIGHT if name == f"intaglio.{room}" or name.startswith(f"intaglio.{room}.")]
+    return max(found, key=len, default=None)
 
 
 def test_every_folder_is_in_the_package_list():
@@ -47,8 +75,59 @@ def test_imports_run_down(folder):
                 continue
             second = name.split(".")[1] if "." in name else ""
             floor = second if second in FLOORS else "toolkit"
-            if floor != folder:
+            # The transfer functions import NumPy alone: they lie below everything.
+            if floor != folder and name != "intaglio.kernels.transfer":
                 assert FLOORS[floor] < FLOORS[folder], f"{path} imports {name}"
+
+
+def test_what_lies_loose_is_what_every_system_stands_on():
+    found = {p.stem for p in (ROOT / "toolkit").glob("*.py")} - {"__init__"}
+    assert found == LOOSE
+    for path in (ROOT / "toolkit" / f"{name}.py" for name in LOOSE):
+        for name in imports(path):
+            if name and name.startswith("intaglio"):
+                assert name.split(".")[1] in {*LOOSE, "kernels"}, f"{path} imports {name}"
+
+
+def test_systems_stand_on_each_other_in_their_order():
+    for path in modules("toolkit"):
+        own = room_of(module_name(path))
+        if own is None:
+            continue
+        for name in imports(path):
+            room = room_of(name or "")
+            if room is not None and room != own:
+                assert HEIGHT[room] < HEIGHT[own], f"{path} imports {name}: {own} lies below {room}"
+
+
+@pytest.mark.parametrize("folder", FLOORS)
+def test_a_room_is_entered_by_its_face(folder):
+    for path in modules(folder):
+        own = module_name(path)
+        for name in imports(path):
+            for room in (*HEIGHT, "render"):
+                door = f"intaglio.{room}"
+                inside = own == door or own.startswith(f"{door}.")
+                assert inside or not (name or "").startswith(f"{door}."), f"{path} imports {name}: enter by {door}"
+
+
+def test_no_module_bears_the_name_of_what_its_package_exports():
+    for folder in FLOORS:
+        for face in (ROOT / folder).rglob("__init__.py"):
+            exported = {a.name for n in ast.walk(ast.parse(face.read_text())) if isinstance(n, ast.ImportFrom) for a in n.names}
+            clash = exported & {p.stem for p in face.parent.glob("*.py")}
+            assert not clash, f"{face.parent}: {clash}"
+
+
+@pytest.mark.parametrize("folder", FLOORS)
+def test_signatures_stay_short(folder):
+    most = 14 if folder == "kernels" else 15
+    for path in modules(folder):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                count = sum(a.arg not in ("self", "cls") for a in named)
+                assert count <= most, f"{path}: {node.name} has {count} parameters"
 
 
 def test_importing_the_package_starts_nothing(tmp_path):

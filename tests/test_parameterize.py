@@ -18,10 +18,10 @@ from intaglio.parameterization.charts import (
     doubled_areas,
     doubled_texture_areas,
     flat_edges,
-    inverses,
+    invert_matrices,
     squared_stretches,
 )
-from intaglio.parameterization.embedding import embedded, intrinsic_weights, mean_value_weights, relaxed
+from intaglio.parameterization.embedding import embed_without_flips, intrinsic_weights, mean_value_weights, relax_stretch
 from intaglio.parameterization.pictures import area_by_view, checkerboard, figures, layout_picture
 from intaglio.parameterization.seams import cut_open
 
@@ -83,11 +83,11 @@ def test_gradients_are_differences_of_the_energy(kind, power, device):
     surface = half_sphere(60)
     chart = Chart(surface.vertices, surface.faces, border_loops(surface.faces)[0])
     area = doubled_areas(surface.vertices, surface.faces)
-    uv = embedded(chart, "circle")[0] * 2
+    uv = embed_without_flips(chart, "circle")[0] * 2
     least = np.full(len(surface.faces), 0.7)
     distortion = Distortion(
         surface.faces,
-        inverses(flat_edges(surface.vertices, surface.faces)),
+        invert_matrices(flat_edges(surface.vertices, surface.faces)),
         area / area.sum(),
         area / area.sum(),
         least,
@@ -115,7 +115,7 @@ def test_gradients_are_differences_of_the_energy(kind, power, device):
 def test_a_flipped_triangle_has_infinite_energy(device):
     surface = grid(3, 3)
     area = doubled_areas(surface.vertices, surface.faces)
-    rest = inverses(flat_edges(surface.vertices, surface.faces))
+    rest = invert_matrices(flat_edges(surface.vertices, surface.faces))
     zero = np.zeros(len(area))
     distortion = Distortion(surface.faces, rest, area, area, zero, kind=STRETCH, power=2.0, strictness=1.0, device=device)
     assert np.isfinite(distortion.energies(surface.vertices[:, :2])).all()
@@ -144,8 +144,8 @@ def test_relaxation_lowers_the_stretch_and_flips_nothing():
     surface = half_sphere(4000, height=0.3, waves=14)
     chart = Chart(surface.vertices, surface.faces, border_loops(surface.faces)[0])
     area = doubled_areas(surface.vertices, surface.faces)
-    rest = inverses(flat_edges(surface.vertices, surface.faces))
-    before, after = embedded(chart, "circle")[0], relaxed(chart, "circle", area / area.sum())
+    rest = invert_matrices(flat_edges(surface.vertices, surface.faces))
+    before, after = embed_without_flips(chart, "circle")[0], relax_stretch(chart, "circle", area / area.sum())
     assert (doubled_texture_areas(after, chart.faces) > 0).all()
     mean = [float(area @ squared_stretches(uv, chart.faces, rest)) for uv in (before, after)]
     assert mean[1] < 0.9 * mean[0]

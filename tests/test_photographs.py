@@ -29,12 +29,12 @@ from intaglio import (
     write_textured,
 )
 from intaglio.kernels.launch import launch, set_threads
-from intaglio.kernels.pull_push import continued
+from intaglio.kernels.pull_push import continue_image
 from intaglio.kernels.texels import rasterize
 from intaglio.parameterization.charts import doubled_texture_areas
 from intaglio.photographs.blend import SplineBlend
 from intaglio.photographs.exposure import exposure_gains
-from intaglio.photographs.selection import shrunk
+from intaglio.photographs.selection import shrink_regions
 from intaglio.photographs.textured_mesh import coverage_levels
 from intaglio.photographs.vertex_colors import spread_colors
 from intaglio.render import through_camera
@@ -57,7 +57,7 @@ def meet_kernel(start: int, mesh: wp.uint64, origin: wp.vec3, along: wp.array(dt
 
 def seen_by(surface, camera, exposure=1.0, alpha=True):
     """Return a photograph of a surface whose colour is `color_at`: by rays through pixel centres, without noise."""
-    width, height = camera.size
+    height, width = camera.size
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3) @ np.linalg.inv(camera.K).T @ camera.R
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -143,8 +143,8 @@ def test_the_renderer_and_the_camera_agree():
     image = np.full((64, 64, 3), 0.2, np.float32)
     image[4:10, 6:12] = (1, 0, 0)
     surface = grid(2, 2)
-    turn = camera_towards(np.zeros(3), np.array([0.3, -0.2, 1]), np.array([0.2, 1, 0]), 4, focal=300, size=(200, 260)).R
-    camera = Camera(K=[[300, 2, 60], [0, 330, 170], [0, 0, 1]], R=turn, t=[-0.3, 0.4, 4], size=(200, 260))
+    turn = camera_towards(np.zeros(3), np.array([0.3, -0.2, 1]), np.array([0.2, 1, 0]), 4, focal=300, size=(260, 200)).R
+    camera = Camera(K=[[300, 2, 60], [0, 330, 170], [0, 0, 1]], R=turn, t=[-0.3, 0.4, 4], size=(260, 200))
     view = {"matrix": camera.K, "turn": camera.R, "shift": camera.t, "size": camera.size}
     picture, alpha = through_camera(surface.vertices, surface.faces, surface.vertices[:, :2], image, samples=32, **view)
     y, x = np.nonzero((picture[:, :, 0] > 0.6) & (picture[:, :, 1] < 0.1))
@@ -190,9 +190,9 @@ def test_classes_and_rings():
     faces = np.array([[0, 1, 2], [1, 2, 3], [2, 3, 4]])
     np.testing.assert_array_equal(binding.triangle_class(faces), [1, 2, 3])
     common = np.ones((1, len(surface.faces)), bool)
-    assert shrunk(common, surface.faces, 6).all()
+    assert shrink_regions(common, surface.faces, 6).all()
     common[0, 0] = False
-    assert not shrunk(common, surface.faces, 6)[0][(surface.faces == surface.faces[0, 0]).any(axis=1)].any()
+    assert not shrink_regions(common, surface.faces, 6)[0][(surface.faces == surface.faces[0, 0]).any(axis=1)].any()
 
 
 def test_missing_vertex_colours_spread_in_passes():
@@ -273,7 +273,7 @@ def test_values_are_continued_everywhere(device):
     color = np.full((64, 300, 3), 0.3, np.float32)
     defined = np.zeros((64, 300), bool)
     defined[:, :20] = True
-    np.testing.assert_allclose(continued(color * defined[:, :, None], defined, device), 0.3, atol=1e-5)
+    np.testing.assert_allclose(continue_image(color * defined[:, :, None], defined, device), 0.3, atol=1e-5)
 
 
 def test_sampling_averages_over_a_texels_footprint():
@@ -344,7 +344,7 @@ def test_camera_files_of_all_kinds_agree(tmp_path):
     rng = np.random.default_rng(5)
     write_image(rng.random((48, 64, 3)), tmp_path / "a.png")
     write_image(rng.random((48, 64, 3)), tmp_path / "b.png")
-    turn = camera_towards(np.zeros(3), np.array([0.3, 0.4, 1]), np.array([0, 1.0, 0]), 5, focal=80, size=(64, 48)).R
+    turn = camera_towards(np.zeros(3), np.array([0.3, 0.4, 1]), np.array([0, 1.0, 0]), 5, focal=80, size=(48, 64)).R
     k, t = np.array([[80, 0, 31.5], [0, 80, 23.5], [0, 0, 1]]), np.array([0.1, -0.2, 5])
     from scipy.spatial.transform import Rotation
 

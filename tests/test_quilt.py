@@ -9,13 +9,13 @@ import pytest
 from skimage import data
 from synthesis_reference import cut_distance, exact_sample, quilt_reference
 
-from intaglio import InputError, quilt
+from intaglio import InputError, Match, quilt
 from intaglio.kernels.blocks import BlockLayer, Sample, known_pixels
 from intaglio.kernels.launch import set_threads
 from intaglio.synthesis.block_size import automatic_block, element_size
 from intaglio.synthesis.graph_cut import graph_cut_seams
-from intaglio.synthesis.layout import plan
-from intaglio.synthesis.sample import prepare, window_starts
+from intaglio.synthesis.layout import plan_blocks
+from intaglio.synthesis.sample import prepare_sample, window_starts
 
 
 def copies(sample, result):
@@ -35,7 +35,7 @@ def test_waves_give_exactly_what_raster_order_gives(tileable, metric, continuati
     expected = quilt_reference(
         sample, (61, 70), 11, 4, 0.5, squared=metric == "squared", shortcut=continuation == "shortcut", **options
     )
-    found = quilt(sample, (61, 70), 11, 4, 0.5, metric=metric, continuation=continuation, device=device, **options)
+    found = quilt(sample, (61, 70), 11, 4, 0.5, match=Match(metric=metric), continuation=continuation, device=device, **options)
     np.testing.assert_array_equal(found.source, expected)
 
 
@@ -60,8 +60,8 @@ def ramps(shape, maps):
 @pytest.mark.parametrize("radius", [-1, 6])
 def test_bounds_leave_out_nothing_that_could_be_chosen(texture, squared, radius, device):
     shape = (80, 90)
-    sample = prepare(np.random.default_rng(2).random((*shape, 4)) if texture == "noise" else ramps(shape, 24))
-    blocks = plan((150, 170), 24, 10, tileable=False, continued=radius >= 0)
+    sample = prepare_sample(np.random.default_rng(2).random((*shape, 4)) if texture == "noise" else ramps(shape, 24))
+    blocks = plan_blocks((150, 170), 24, 10, tileable=False, continued=radius >= 0)
     layers = [
         BlockLayer(
             Sample(sample.features, window_starts(sample.usable, 24)), blocks, squared=squared, tolerance=0.02, shortcut=False,
@@ -104,7 +104,7 @@ def test_a_map_of_no_weight_does_not_matter():
     sample = exact_sample((30, 30), 2)
     other = np.concatenate([sample, np.random.default_rng(0).random((30, 30, 1), dtype=np.float32)], axis=2)
     a = quilt(sample, 64, 10, 4, seed=2)
-    b = quilt(other, 64, 10, 4, seed=2, weights=(1, 1, 0))
+    b = quilt(other, 64, 10, 4, seed=2, match=Match(weights=(1, 1, 0)))
     np.testing.assert_array_equal(a.source, b.source)
     c = quilt(other, 64, 10, 4, seed=2, match=sample)
     np.testing.assert_array_equal(a.source, c.source)
@@ -286,11 +286,10 @@ def test_blocks_grow_with_the_texture():
         ((np.zeros((20, 20)), 50), {"tolerance": -1}, "tolerance"),
         ((np.zeros((20, 20)), 50), {"tolerance": "x"}, "tolerance"),
         ((np.zeros((20, 20)), 50), {"tolerance": 1e29}, "tolerance"),
-        ((np.zeros((20, 20)), 50), {"metric": "l2"}, "metric must be one of"),
         ((np.zeros((20, 20)), 50), {"cut": "x"}, "cut must be one of"),
         ((np.zeros((20, 20)), 50), {"continuation": "x"}, "continuation must be"),
-        ((np.zeros((20, 20)), 50), {"weights": (1, 2)}, "weights must be 1"),
-        ((np.zeros((20, 20)), 50), {"weights": (0,)}, "weights must be 1"),
+        ((np.zeros((20, 20)), 50), {"match": Match(weights=(1, 2))}, "weights must be 1"),
+        ((np.zeros((20, 20)), 50), {"match": Match(weights=(0,))}, "weights must be 1"),
         ((np.zeros((20, 20)), 50), {"seed": 1.5}, "seed"),
         ((np.zeros((20, 20)), 50), {"refine": -1}, "refine"),
         ((np.zeros((20, 20)), 6, 10), {"tileable": True}, "smaller than block"),
@@ -313,8 +312,8 @@ def test_progress_reaches_the_end():
 
 def test_huge_weights_are_only_relative():
     sample = np.random.default_rng(0).random((30, 30, 2))
-    a = quilt(sample, 50, 10, metric="squared", weights=(1e30, 1e30), seed=1)
-    b = quilt(sample, 50, 10, metric="squared", seed=1)
+    a = quilt(sample, 50, 10, match=Match(metric="squared", weights=(1e30, 1e30)), seed=1)
+    b = quilt(sample, 50, 10, match=Match(metric="squared"), seed=1)
     np.testing.assert_array_equal(a.source, b.source)
 
 

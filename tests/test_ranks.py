@@ -127,7 +127,7 @@ def test_tables_are_read_one_below_the_other(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y,z\n\n1,2,a\n", "line 3: a rank is no number"),
+        ("x,y,z\n\n1,2,a\n", "line 3: a rank is not a number"),
         ("x,y,z\n1,2\n", "line 2: has 2 cells"),
         ("x,y,z\n1,2,3,4\n", "line 2: has 4 cells"),
         ("x,y,z\n1,2,4\n", "line 2: ranks of 3 methods"),
@@ -135,7 +135,7 @@ def test_tables_are_read_one_below_the_other(tmp_path):
         ("x,y,z\n", "holds no ranks"),
         ("x;y;z\n1;2;3\n", "at least 3 methods"),
         ("x,y,y\n1,2,3\n", "each once"),
-        ("\x00\xff", "no table of ranks"),
+        ("\x00\xff", "not a table of ranks"),
         (" ", "first line"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reliefs import complete_with
 
 import intaglio
 from intaglio import Surface
@@ -11,15 +12,16 @@ from intaglio.kernels.approximate_search import ApproximateSearch, Patchwork
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
 from intaglio.kernels.transfer import encode_srgb
+from intaglio.relief.ground.prepare import GroundOptions, prepare_ground
 from intaglio.relief.growth import displacement_metric
-from intaglio.relief.ground.prepare import prepare_ground
 from intaglio.relief.growth.comparison import compare_by
 from intaglio.relief.growth.displacement_metric import DisplacementMetric
 from intaglio.relief.growth.levels import band, frames_along
 from intaglio.relief.growth.parameters import choose_parameters, direction_share, noise_variance
 from intaglio.relief.growth.plan import plan_search
-from intaglio.relief.growth.propagation import Selection, State
 from intaglio.relief.growth.samples import sample_set
+from intaglio.relief.growth.settings import Selection
+from intaglio.relief.growth.state import State
 from intaglio.scenes.patterns import grid_faces, plane_base
 
 PLANE = plane_base()
@@ -62,7 +64,7 @@ def gap(surface, low, high):
 
 def test_combined_cost_is_the_papers_sum():
     scan = gap(sheet(rough(), color=stripes), 20, 27)
-    ground = prepare_ground(scan, PLANE, extent="rectangle")
+    ground = prepare_ground(scan, PLANE, GroundOptions(extent="rectangle"))
     comparison = compare_by(ground, 0.3)
     metric = DisplacementMetric(ground, sample_set(ground, False), 3, 1, "cpu", comparison=comparison)
     count = len(ground.measured)
@@ -72,7 +74,7 @@ def test_combined_cost_is_the_papers_sum():
     )  # fmt: skip
     graph = ground.topology.graph
     targets = np.flatnonzero(~ground.measured & (graph @ ground.measured.astype(float) > 0))[:6]
-    picks = metric.pick(targets, np.full(len(targets), 3), state, Selection("near-best", 1.0, 10, np.inf), np.zeros(len(targets)))
+    picks = metric.pick(targets, np.full(len(targets), 3), state, Selection("near-best", tolerance=0.0), np.zeros(len(targets)))
     span = np.ptp(ground.height[ground.measured])
     shown = encode_srgb(ground.color)
     offsets, ring, _ = polar_grid(3, 1)
@@ -98,14 +100,14 @@ def test_combined_cost_is_the_papers_sum():
 def test_colour_decides_where_relief_says_nothing():
     scan = gap(sheet(lambda x, y: 0.001 * rough()(x, y), color=stripes), 18.5, 29.5)
     settings = {"extent": "rectangle", "window": 5, "rotations": 1, "seed": 1}
-    blind = intaglio.complete_relief(scan, PLANE, **settings)
-    seeing = intaglio.complete_relief(scan, PLANE, color_weight=0.8, **settings)
+    blind = complete_with(scan, PLANE, **settings)
+    seeing = complete_with(scan, PLANE, color_weight=0.8, **settings)
     truth = stripes(np.round(seeing.base[:, 0]), seeing.base[:, 1])
     wrong = [np.abs(w.color - truth)[~w.measured].mean() for w in (blind, seeing)]
     assert wrong[1] < 0.02 < wrong[0]
     filled = ~seeing.measured
     np.testing.assert_array_equal(seeing.color[filled], seeing.color[seeing.source[filled]])
-    refined = intaglio.complete_relief(scan, PLANE, color_weight=0.8, refine=2, **settings)
+    refined = complete_with(scan, PLANE, color_weight=0.8, refine=2, **settings)
     np.testing.assert_array_equal(refined.color[filled], refined.color[refined.source[filled]])
     assert np.abs(refined.color - truth)[filled].mean() < 0.05
     report = intaglio.assess_relief(refined)
@@ -116,25 +118,25 @@ def test_colour_decides_where_relief_says_nothing():
 @pytest.mark.parametrize("weight", [-0.1, 1.1, float("nan"), "much"])
 def test_colour_weights_outside_their_range(weight):
     with pytest.raises(intaglio.InputError, match="color_weight"):
-        intaglio.complete_relief(gap(sheet(rough(), color=stripes), 20, 24), PLANE, color_weight=weight, window=2)
+        complete_with(gap(sheet(rough(), color=stripes), 20, 24), PLANE, color_weight=weight, window=2)
 
 
 def test_colour_weight_without_colours():
     with pytest.raises(intaglio.InputError, match="scan with colours"):
-        intaglio.complete_relief(gap(sheet(rough()), 20, 24), PLANE, color_weight=0.5, window=2)
+        complete_with(gap(sheet(rough()), 20, 24), PLANE, color_weight=0.5, window=2)
 
 
 def test_approximate_search_finds_most_of_what_exhaustive_finds(monkeypatch):
     # Few landmarks, so that the descent has to find what they miss.
     monkeypatch.setattr(displacement_metric, "_LANDMARKS", 9_000)
     scan = gap(sheet(rough(fastest=0.6), columns=90, rows=70), 40, 49)
-    ground = prepare_ground(scan, PLANE, extent="rectangle")
+    ground = prepare_ground(scan, PLANE, GroundOptions(extent="rectangle"))
     samples = sample_set(ground, False)
     exact, near = (DisplacementMetric(ground, samples, 4, 6, "cpu", approximate=a, seed=2) for a in (False, True))
     count = len(ground.measured)
     graph = ground.topology.graph
     targets = np.flatnonzero(~ground.measured & (graph @ ground.measured.astype(float) > 0))
-    rule = Selection("near-best", 1.0, 10, np.inf)
+    rule = Selection("near-best", tolerance=0.0)
     picks = []
     for metric in (exact, near):
         state = State(
@@ -187,7 +189,7 @@ def test_approximate_results_have_the_same_bits_on_any_number_of_threads():
         for count in (1, 2):
             set_threads(count)
             results.append(
-                intaglio.complete_relief(
+                complete_with(
                     scan, PLANE, extent="rectangle", search="approximate", window=3, rotations=4, refine=2, seed=5, levels=2
                 )
             )
@@ -202,12 +204,12 @@ def test_bands_keep_long_waves_and_levels_reach_further():
         return np.sin(2 * np.pi * x / 24) + 0.3 * rough(fastest=1.5)(x, y)
 
     scan = gap(sheet(two, columns=120, rows=40), 48.5, 71.5)
-    ground = prepare_ground(scan, PLANE, extent="rectangle")
+    ground = prepare_ground(scan, PLANE, GroundOptions(extent="rectangle"))
     coarse = band(ground, 10.0)[ground.measured]
     long = np.sin(2 * np.pi * ground.foot[ground.measured, 0] / 24)
     assert np.corrcoef(coarse, long)[0, 1] > 0.95
     settings = {"extent": "rectangle", "window": 4, "rotations": 1, "refine": 2, "seed": 1}
-    one, more = (intaglio.complete_relief(scan, PLANE, levels=n, **settings) for n in (1, 3))
+    one, more = (complete_with(scan, PLANE, levels=n, **settings) for n in (1, 3))
     assert more.measured[more.source].all()
     assert more.vertices[: len(scan.vertices)].tobytes() == scan.vertices.tobytes()
     truth = np.sin(2 * np.pi * one.base[:, 0] / 24)
@@ -222,17 +224,17 @@ def test_too_many_levels_are_named(base):
     scan = sheet(rough(), columns=26, rows=26)
     inside = np.linalg.norm(scan.vertices[:, :2] - 12.5, axis=1) < 4
     with pytest.raises(intaglio.InputError, match="levels=6 are too many"):
-        intaglio.complete_relief(scan.part(~inside), base, extent=None if base == "smooth" else "holes", levels=6, window=3)
+        complete_with(scan.part(~inside), base, extent=None if base == "smooth" else "holes", levels=6, window=3)
 
 
 def test_frames_along_the_coarse_relief_point_up_its_slope():
-    ground = prepare_ground(gap(sheet(lambda x, y: x + 0 * y), 20, 26), PLANE, extent="rectangle")
+    ground = prepare_ground(gap(sheet(lambda x, y: x + 0 * y), 20, 26), PLANE, GroundOptions(extent="rectangle"))
     u, v = frames_along(ground, 0.2 * ground.foot[:, 0] + 0.1 * ground.foot[:, 1])
     slope = np.array([2.0, 1.0, 0]) / np.sqrt(5)
     np.testing.assert_allclose(u, np.tile(slope, (len(u), 1)), atol=0.05)
     np.testing.assert_allclose(np.einsum("ij,ij->i", u, v), 0, atol=1e-9)
-    whole = intaglio.complete_relief(
-        gap(sheet(rough(), columns=60), 30, 38), PLANE, extent="rectangle", levels=2, frames="relief", window=3, rotations=1
+    whole = complete_with(
+        gap(sheet(rough(), columns=60), 30, 38), PLANE, extent="rectangle", levels=2, along_relief=True, window=3, rotations=1
     )
     assert whole.measured[whole.source].all()
 
@@ -240,12 +242,12 @@ def test_frames_along_the_coarse_relief_point_up_its_slope():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"frames": "relief"}, "levels=2"),
+        ({"along_relief": True}, "levels=2"),
         ({"levels": 2, "metric": "surface"}, "levels works with"),
         ({"color_weight": 0.2, "metric": "surface"}, "color_weight works with"),
         ({"search": "approximate", "metric": "surface"}, "approximate"),
         ({"search": "approximate", "bootstrap": True}, "bootstrap compares"),
-        ({"search": "approximate", "selection": "best-percent"}, "best-percent"),
+        ({"search": "approximate", "rule": "best-percent"}, "best-percent"),
         ({"memory": -1.0}, "memory"),
         ({"memory": "lots"}, "memory"),
         ({"levels": 0}, "levels"),
@@ -253,30 +255,37 @@ def test_frames_along_the_coarse_relief_point_up_its_slope():
 )
 def test_what_does_not_go_together_is_refused(settings, message):
     with pytest.raises(intaglio.InputError, match=message):
-        intaglio.complete_relief(gap(sheet(rough()), 20, 24), PLANE, window=2, rotations=1, extent="rectangle", **settings)
+        complete_with(gap(sheet(rough()), 20, 24), PLANE, window=2, rotations=1, extent="rectangle", **settings)
 
 
 def test_window_comes_from_the_period_or_the_correlation_length():
     for period in (10, 14):
         scan = gap(sheet(rings(period), columns=70, rows=60), 30, 34)
-        chosen = choose_parameters(prepare_ground(scan, PLANE, extent="rectangle"), None, 1.0, 1, 1.0)
+        chosen = choose_parameters(prepare_ground(scan, PLANE, GroundOptions(extent="rectangle")), None, 1.0, 1, 1.0)
         assert 0.6 * period <= chosen.window <= period
         assert "repeats" in chosen.notes[0]
-    chosen = choose_parameters(prepare_ground(gap(sheet(rough()), 20, 24), PLANE, extent="rectangle"), None, 1.0, 1, 1.0)
+    chosen = choose_parameters(
+        prepare_ground(gap(sheet(rough()), 20, 24), PLANE, GroundOptions(extent="rectangle")), None, 1.0, 1, 1.0
+    )
     assert "correlation length" in chosen.notes[0]
-    assert choose_parameters(prepare_ground(gap(sheet(rough()), 20, 24), PLANE, extent="rectangle"), 3, 0.1, 2, 1.0).notes == ()
+    assert (
+        choose_parameters(
+            prepare_ground(gap(sheet(rough()), 20, 24), PLANE, GroundOptions(extent="rectangle")), 3, 0.1, 2, 1.0
+        ).notes
+        == ()
+    )
 
 
 def test_noise_is_estimated_within_a_third():
     jitter = np.random.default_rng(0).normal(0, 0.05, (48, 40))
     scan = gap(sheet(lambda x, y: rings(16)(x, y) + jitter), 20, 24)
-    noise = np.sqrt(noise_variance(prepare_ground(scan, PLANE, extent="rectangle")))
+    noise = np.sqrt(noise_variance(prepare_ground(scan, PLANE, GroundOptions(extent="rectangle"))))
     assert noise == pytest.approx(0.05, rel=0.35)
 
 
 def test_direction_is_seen_in_ridges_and_not_in_bumps():
-    ridges = prepare_ground(gap(sheet(lambda x, y: np.sin(y) + 0 * x), 20, 24), PLANE, extent="rectangle")
-    bumps = prepare_ground(gap(sheet(rings(8)), 20, 24), PLANE, extent="rectangle")
+    ridges = prepare_ground(gap(sheet(lambda x, y: np.sin(y) + 0 * x), 20, 24), PLANE, GroundOptions(extent="rectangle"))
+    bumps = prepare_ground(gap(sheet(rings(8)), 20, 24), PLANE, GroundOptions(extent="rectangle"))
     assert direction_share(ridges) > 0.9
     assert direction_share(bumps) < 0.25
     assert choose_parameters(ridges, 3, 1.0, None, 1.0).rotations == 1
@@ -285,7 +294,7 @@ def test_direction_is_seen_in_ridges_and_not_in_bumps():
 
 def test_a_small_memory_thins_and_chunks_but_never_fails():
     scan = gap(sheet(rough(), columns=100, rows=60), 40, 52)
-    ground = prepare_ground(scan, PLANE, extent="rectangle")
+    ground = prepare_ground(scan, PLANE, GroundOptions(extent="rectangle"))
     samples = sample_set(ground, True)
     plan = plan_search(ground, samples, 200, 12, "auto", 1e-3, 0)
     assert plan.approximate
@@ -295,17 +304,15 @@ def test_a_small_memory_thins_and_chunks_but_never_fails():
     roomy = plan_search(ground, samples, 200, 12, "auto", 64.0, 0)
     assert roomy.keep_grids
     assert roomy.samples is samples
-    tight = intaglio.complete_relief(scan, PLANE, extent="rectangle", window=4, rotations=6, memory=0.01, seed=1, refine=1)
-    loose = intaglio.complete_relief(
-        scan, PLANE, extent="rectangle", window=4, rotations=6, seed=1, refine=1, search="approximate"
-    )
+    tight = complete_with(scan, PLANE, extent="rectangle", window=4, rotations=6, memory=0.01, seed=1, refine=1)
+    loose = complete_with(scan, PLANE, extent="rectangle", window=4, rotations=6, seed=1, refine=1, search="approximate")
     assert tight.measured[tight.source].all()
     ratio = tight.error[~tight.measured].mean() / loose.error[~loose.measured].mean()
     assert ratio < 3
 
 
 def test_grids_located_anew_give_the_same_bits():
-    ground = prepare_ground(gap(sheet(rough()), 20, 28), PLANE, extent="rectangle")
+    ground = prepare_ground(gap(sheet(rough()), 20, 28), PLANE, GroundOptions(extent="rectangle"))
     samples = sample_set(ground, False)
     targets = np.flatnonzero(~ground.measured)
     count = len(ground.measured)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from reliefs import complete_with
 
 import intaglio
 from intaglio.mesh.base import Cylinder, Plane, Sphere, unit
@@ -107,7 +108,7 @@ def test_extents_that_a_cylinder_does_not_have(extent):
 
 def test_a_longer_tube_can_be_asked_for(wave_tube):
     scan, _ = wave_tube
-    whole = intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, extent=(-6.0, 29.0))
+    whole = complete_with(scan, cylinder_base(), 2, 0.1, extent=(-6.0, 29.0))
     assert whole.vertices[:, 2].min() == pytest.approx(-6, abs=0.6)
     assert whole.vertices[:, 2].max() == pytest.approx(29, abs=0.6)
     assert len(border_loops(whole.faces)) == 2
@@ -147,7 +148,7 @@ def test_topology_tables():
 
 def test_a_bowl_seen_from_inside_is_completed_from_inside(cap):
     inner = intaglio.Surface(vertices=cap.vertices, faces=cap.faces[:, ::-1])
-    whole = intaglio.complete_relief(inner, "sphere", window=3)
+    whole = complete_with(inner, "sphere", window=3)
     assert whole.model.inward
     corners = whole.base[whole.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -161,6 +162,6 @@ def test_a_border_that_noise_knots_is_laid_out(wave_sheet):
     rim = np.unique(border_edges(scan.faces))
     vertices[rim, :2] += rng.normal(0, 0.45, (len(rim), 2))
     base = Plane(point=np.zeros(3), normal=np.array([0, 0, 1.0]), direction=np.array([1.0, 0, 0]))
-    whole = intaglio.complete_relief(intaglio.Surface(vertices=vertices, faces=scan.faces), base, 2, extent=(-5, 46, -5, 46))
+    whole = complete_with(intaglio.Surface(vertices=vertices, faces=scan.faces), base, 2, extent=(-5, 46, -5, 46))
     assert whole.vertices[: len(vertices)].tobytes() == vertices.tobytes()
     assert len(border_loops(whole.faces)) == 1

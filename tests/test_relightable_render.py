@@ -9,7 +9,7 @@ from stacks import dome, lambertian, noisy, scattered
 from intaglio import PhotometricStack, light_direction, represent, surface_maps
 from intaglio.photometric.relightable import KINDS
 from intaglio.photometric.rendering import bsdf_of
-from intaglio.render import Camera, Gloss, matte_bsdf, photometric_capture, relightable_bsdf, relit, relit_plane, variant
+from intaglio.render import Gloss, Viewpoint, matte_bsdf, photometric_capture, relightable_bsdf, relit, relit_plane, variant
 from intaglio.render.captures import height_mesh, height_normals
 from intaglio.render.variants import mitsuba
 
@@ -24,7 +24,7 @@ def test_the_plane_equals_relight_pixel_for_pixel(kind, color):
     texture = represent(noisy(scattered(24), channels=3, height=7, width=12), kind, color=color)
     bsdf = bsdf_of(texture, smooth=False)
     for light in (LIGHT, LOW):
-        shown = relit_plane(bsdf, (12, 7), light)
+        shown = relit_plane(bsdf, (7, 12), light)
         np.testing.assert_allclose(shown, texture.relight(light), atol=3e-6)
 
 
@@ -34,7 +34,7 @@ def test_the_plane_equals_relight_on_a_grid_of_lights(kind):
     assert texture.basis.parameters()["basis"] == "grid"
     for light in (LIGHT, LOW, light_direction(359.9, 29), light_direction(0, 0)):
         wanted = np.repeat(texture.relight(light), 3, axis=2)
-        np.testing.assert_allclose(relit_plane(bsdf_of(texture, smooth=False), (6, 5), light), wanted, atol=3e-6)
+        np.testing.assert_allclose(relit_plane(bsdf_of(texture, smooth=False), (5, 6), light), wanted, atol=3e-6)
 
 
 def test_orientation_by_a_texture_without_symmetry():
@@ -43,8 +43,8 @@ def test_orientation_by_a_texture_without_symmetry():
     maps[:, 0, 1, 0] = (1, 0, 1)
     maps[:, 2, 5, 0] = (0, 1, 1)
     bsdf = relightable_bsdf(maps, lambda x, y, z, maths: [x, y, z], smooth=False)
-    right = relit_plane(bsdf, (6, 4), np.array([1.0, 0, 1]))[..., 0]
-    up = relit_plane(bsdf, (6, 4), np.array([0, 1.0, 1]))[..., 0]
+    right = relit_plane(bsdf, (4, 6), np.array([1.0, 0, 1]))[..., 0]
+    up = relit_plane(bsdf, (4, 6), np.array([0, 1.0, 1]))[..., 0]
     s = np.sqrt(0.5)
     assert right[0, 1] == pytest.approx(2 * s, abs=1e-6)
     assert right[2, 5] == pytest.approx(s, abs=1e-6)
@@ -77,14 +77,14 @@ def test_mirrored_texture_coordinates_keep_the_frame():
     bsdf = relightable_bsdf(maps, lambda x, y, z, maths: [x, y], smooth=False)
     vertices = np.array([[-2.0, -1, 0], [2, -1, 0], [2, 1, 0], [-2, 1, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
-    camera = Camera((0, 0, 50.0), (0, 0, 0), (0, 1.0, 0), fov=float(2 * np.degrees(np.arctan(1 / 50))))
+    camera = Viewpoint((0, 0, 50.0), (0, 0, 0), (0, 1.0, 0), fov=float(2 * np.degrees(np.arctan(1 / 50))))
     light = np.array([-0.6, 0.4, 1.0])
     x, y = light[:2] / np.linalg.norm(light)
     for uv, expected in (
         ([[0, 0], [1, 0], [1, 1], [0, 1]], [max(x, 0), y]),
         ([[1, 0], [0, 0], [0, 1], [1, 1]], [y, -x]),
     ):
-        image = relit(vertices, faces, np.array(uv, float), bsdf, camera=camera, light=light, size=(40, 20), samples=4)
+        image = relit(vertices, faces, np.array(uv, float), bsdf, camera=camera, light=light, size=(20, 40), samples=4)
         np.testing.assert_allclose([image[10, 4, 0], image[10, 35, 0]], expected, atol=1e-4)
 
 
@@ -93,7 +93,7 @@ def test_gradient_equals_mitsubas_normal_map():
     maps = surface_maps(texture)
     bsdf = matte_bsdf(maps.normal, maps.albedo)
     for light in (LIGHT, light_direction(300, 60)):
-        np.testing.assert_allclose(relit_plane(bsdf, (14, 9), light), texture.relight(light), atol=1e-5)
+        np.testing.assert_allclose(relit_plane(bsdf, (9, 14), light), texture.relight(light), atol=1e-5)
 
 
 def test_repeats():
@@ -107,20 +107,20 @@ def test_texels_are_interpolated_between_their_middles():
     texture = represent(noisy(scattered(20), height=5, width=7), "gradient")
     wanted = np.repeat(texture.relight(LIGHT), 3, axis=2)
     for tiled in (True, False):
-        np.testing.assert_allclose(relit_plane(bsdf_of(texture, smooth=True, tiled=tiled), (7, 5), LIGHT), wanted, atol=3e-6)
+        np.testing.assert_allclose(relit_plane(bsdf_of(texture, smooth=True, tiled=tiled), (5, 7), LIGHT), wanted, atol=3e-6)
     # Twice the pixels: halfway between the first texel and what lies beyond the border.
     maps = np.zeros((1, 2, 4, 1), np.float32)
     maps[0, :, 3] = 1
     for tiled, beyond in ((True, 0.25), (False, 0.0)):
         bsdf = relightable_bsdf(maps, lambda x, y, z, maths: [0 * x + 1], tiled=tiled)
         vertices, faces = np.array([[-4.0, -2, 0], [4, -2, 0], [4, 2, 0], [-4, 2, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
-        camera = Camera((0, 0, 4000.0), (0, 0, 0), (0, 1.0, 0), fov=float(2 * np.degrees(np.arctan(2 / 4000))))
+        camera = Viewpoint((0, 0, 4000.0), (0, 0, 0), (0, 1.0, 0), fov=float(2 * np.degrees(np.arctan(2 / 4000))))
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-        image = relit(vertices, faces, uv, bsdf, camera=camera, light=np.array([0, 0, 1.0]), size=(8, 4), samples=4096)
+        image = relit(vertices, faces, uv, bsdf, camera=camera, light=np.array([0, 0, 1.0]), size=(4, 8), samples=4096)
         assert image[1, 0, 0] == pytest.approx(beyond, abs=0.06)
 
 
-@pytest.mark.skipif(not variant().vectorised, reason="the chi-square test needs a JIT variant (an LLVM library)")
+@pytest.mark.skipif(not variant().vectorized, reason="the chi-square test needs a JIT variant (an LLVM library)")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("back", [False, True])
 def test_chi_square(kind, back):
@@ -210,7 +210,7 @@ def test_capture_of_another_size_and_orientation():
     height = np.zeros((9, 17))
     albedo = np.zeros((8, 16, 3))
     albedo[0, 1] = (1, 0, 0)
-    image = photometric_capture(height, albedo, [[0, 0, 1]], size=(64, 32), samples=4)[0]
+    image = photometric_capture(height, albedo, [[0, 0, 1]], size=(32, 64), samples=4)[0]
     assert image.shape == (32, 64, 3)
     peak = np.unravel_index(np.argmax(image[..., 0]), (32, 64))
     assert 0 <= peak[0] < 4
@@ -234,7 +234,7 @@ def test_height_mesh_faces_up():
         ({"albedo": np.full((5, 5), 1.5)}, r"in \[0, 1\]"),
         ({"albedo": np.zeros((5, 5, 2))}, "albedo must be"),
         ({"lights": [[0, 0, -1]]}, "from above"),
-        ({"size": (4, 3)}, "squarely"),
+        ({"size": (3, 4)}, "not square"),
         ({"bounces": -1}, "bounces"),
         ({"bounces": 1, "shadows": False}, "need shadows"),
     ],
@@ -247,4 +247,4 @@ def test_bad_captures(changes, message):
 
 def test_a_relightable_bsdf_needs_maps():
     with pytest.raises(ValueError, match="texture coordinates must be"):
-        relit(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros((2, 2)), None, camera=Camera((0, 0, 1), (0, 0, 0)), light=LIGHT)
+        relit(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros((2, 2)), None, camera=Viewpoint((0, 0, 1), (0, 0, 0)), light=LIGHT)

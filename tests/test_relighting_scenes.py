@@ -79,5 +79,5 @@ def test_teapot_relit(tmp_path):
 def test_real_stacks_relit(real, tmp_path):
     real("photometric/harvard_cat")
     figures = real_relighting.run(options(tmp_path), names=("cat",))
-    assert figures["cat"]["rbf"][1].normalised_rms < figures["cat"]["gradient"][1].normalised_rms
+    assert figures["cat"]["rbf"][1].normalized_rms < figures["cat"]["gradient"][1].normalized_rms
     assert (tmp_path / "real_relighting_cat.png").exists()

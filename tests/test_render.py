@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 import intaglio
-from intaglio.render import Camera, Light, compare, frame, range_scan, variant, view
+from intaglio.render import Light, Viewpoint, compare, frame, range_scan, variant, view
 from intaglio.render.variants import llvm_version, usable_llvm
 
 
@@ -24,7 +24,7 @@ def test_a_variant_is_chosen_and_says_why():
     chosen = variant()
     assert chosen.name in ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
     assert chosen.reason
-    assert chosen.vectorised == (chosen.name != "scalar_rgb")
+    assert chosen.vectorized == (chosen.name != "scalar_rgb")
 
 
 def test_unusable_llvm_libraries_are_not_handed_on(monkeypatch, tmp_path):
@@ -41,8 +41,8 @@ def test_unusable_llvm_libraries_are_not_handed_on(monkeypatch, tmp_path):
 
 def test_the_scalar_variant_renders_in_a_process_of_its_own(tmp_path):
     code = (
-        "import numpy as np\nfrom intaglio.render import Camera, range_scan, view, variant\n"
-        "v = np.array([[-1.,-1,0],[1,-1,0],[0,1,0]])\nf = np.array([[0,1,2]])\nc = Camera((0.,0,5),(0.,0,0))\n"
+        "import numpy as np\nfrom intaglio.render import Viewpoint, range_scan, view, variant\n"
+        "v = np.array([[-1.,-1,0],[1,-1,0],[0,1,0]])\nf = np.array([[0,1,2]])\nc = Viewpoint((0.,0,5),(0.,0,0))\n"
         "assert variant().name == 'scalar_rgb'\n"
         "assert view(v, f, camera=c, size=(16, 16), samples=2).shape == (16, 16, 3)\n"
         "d = range_scan(v, f, camera=c, size=(9, 9)).depth\nassert abs(d[4, 4] - 5) < 1e-5, d\n"
@@ -65,7 +65,7 @@ def test_an_impossible_variant_is_refused(monkeypatch):
 def test_a_matte_plane_facing_the_light_has_the_lambertian_radiance():
     v = np.array([[-9.0, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0]])
     f = np.array([[0, 1, 2], [0, 2, 3]])
-    camera = Camera((0, 0, 10), (0, 0, 0), fov=20)
+    camera = Viewpoint((0, 0, 10), (0, 0, 0), fov=20)
     for slant in (0.0, 60.0):
         image = view(v, f, camera=camera, light=Light(slant=slant, strength=2.0, fill=0.0), albedo=(0.5, 0.4, 0.3), size=(16, 16))
         expected = 2.0 / np.pi * np.cos(np.radians(slant)) * np.array([0.5, 0.4, 0.3])
@@ -94,7 +94,7 @@ def test_survey_coordinates_render_like_those_at_the_origin():
 
 def test_a_scan_of_a_sphere_lies_on_the_sphere():
     v, f = sphere(6, 10.0)
-    camera = Camera((0, 0, 100), (0, 0, 0), fov=14)
+    camera = Viewpoint((0, 0, 100), (0, 0, 0), fov=14)
     seen = range_scan(v, f, camera=camera, size=(61, 61), steepest=70)
     radius = np.linalg.norm(seen.points, axis=2)
     assert seen.depth[30, 30] == pytest.approx(90, abs=2e-3)
@@ -108,7 +108,7 @@ def test_a_scan_of_a_sphere_lies_on_the_sphere():
 
 def test_scan_noise_runs_along_the_ray_and_follows_the_seed():
     v, f = sphere(5, 10.0)
-    camera = Camera((0, 0, 100), (0, 0, 0), fov=14)
+    camera = Viewpoint((0, 0, 100), (0, 0, 0), fov=14)
     clean = range_scan(v, f, camera=camera, size=(61, 61))
     a, b, c = (range_scan(v, f, camera=camera, size=(61, 61), noise=0.05, seed=s) for s in (1, 1, 2))
     np.testing.assert_array_equal(a.depth, b.depth)
@@ -121,7 +121,7 @@ def test_scan_noise_runs_along_the_ray_and_follows_the_seed():
 def test_a_step_in_depth_is_not_bridged():
     low, high = trimesh.creation.box((4, 4, 1)), trimesh.creation.box((1.5, 1.5, 3))
     mesh = trimesh.util.concatenate([low, high])
-    seen = range_scan(mesh.vertices, mesh.faces, camera=Camera((0, 0, 30), (0, 0, 0), fov=8), size=(50, 50))
+    seen = range_scan(mesh.vertices, mesh.faces, camera=Viewpoint((0, 0, 30), (0, 0, 0), fov=8), size=(50, 50))
     scan = intaglio.surface_from_range_image(seen.points, view=seen.view)
     assert np.ptp(scan.vertices[scan.faces][:, :, 2], axis=1).max() < 0.1
 

@@ -205,8 +205,8 @@ def test_mask_leaves_zeros_and_decides_the_fit():
         texture = represent(PhotometricStack(spoilt, lights, mask), kind)
         assert np.isfinite(texture.maps).all()
         report = assess_representation(PhotometricStack(spoilt, lights, mask), kind)
-        assert report.normalised_rms == pytest.approx(
-            assess_representation(PhotometricStack(stack.images, lights, mask), kind).normalised_rms, rel=1e-6
+        assert report.normalized_rms == pytest.approx(
+            assess_representation(PhotometricStack(stack.images, lights, mask), kind).normalized_rms, rel=1e-6
         )
 
 
@@ -256,7 +256,7 @@ def test_all_lights_in_one_direction():
 
 
 def test_leaving_one_out_needs_more_images():
-    with pytest.raises(InputError, match="leaving out image"):
+    with pytest.raises(InputError, match="without image"):
         assess_representation(noisy(scattered(6)), "ptm", True)
 
 

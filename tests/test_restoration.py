@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from intaglio import InputError, assess_restoration, restore, restore_in_detail
-from intaglio.restoration.fill import ORIENTATIONS, fill
-from intaglio.restoration.frequency import DEVIATION, chosen_kappa, deviations, low_band
+from intaglio import InputError, assess_restoration, restore
+from intaglio.restoration.fill import ORIENTATIONS, synthesize_hole
+from intaglio.restoration.frequency import DEVIATION, choose_kappa, deviations, low_band
 from intaglio.restoration.inpaint import inpaint
-from intaglio.restoration.pipeline import METHODS, _contrast_of_surroundings
-from intaglio.restoration.poisson import corrected
+from intaglio.restoration.pipeline import METHODS, match_contrast
+from intaglio.restoration.poisson import fit_to_surroundings
 
 
 def texture(height=96, width=128, seed=0):
@@ -32,7 +32,7 @@ def blob(height=96, width=128):
 def test_known_pixels_keep_their_bits_and_the_rest_is_finite(method):
     image, missing = texture(), blob()
     damaged = np.where(missing[:, :, None], np.nan, image).astype(np.float32)
-    found = restore_in_detail(damaged, missing, method)
+    found = restore(damaged, missing, method)
     assert np.isfinite(found.image).all()
     np.testing.assert_array_equal(found.image[~missing].view(np.uint32), image[~missing].view(np.uint32))
     places = np.moveaxis(np.indices(missing.shape), 0, 2)
@@ -48,7 +48,7 @@ def test_a_constant_stays_that_constant(method, dtype):
     image = np.full((40, 50), value, dtype)
     missing = np.zeros((40, 50), bool)
     missing[10:25, 20:35] = True
-    found = restore(np.where(missing, dtype(0), image), missing, method)
+    found = restore(np.where(missing, dtype(0), image), missing, method).image
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, image)
 
@@ -58,7 +58,7 @@ def test_a_ramp_is_inpainted_exactly():
     ramp = (0.01 * x + 0.02 * y).astype(np.float32)
     missing = np.zeros((30, 40), bool)
     missing[8:20, 10:30] = True
-    np.testing.assert_allclose(restore(ramp, missing, "inpaint"), ramp, atol=1e-5)
+    np.testing.assert_allclose(restore(ramp, missing, "inpaint").image, ramp, atol=1e-5)
 
 
 def test_inpainting_is_the_limit_of_the_papers_convolution():
@@ -94,10 +94,10 @@ def test_barriers_keep_two_sides_apart():
     missing[5:16, 3:18] = True
     walls = np.zeros((21, 21), bool)
     walls[:, 10:12] = True
-    found = restore(image, missing, "inpaint", barriers=walls)
+    found = restore(image, missing, "inpaint", barriers=walls).image
     assert found[8, 6] == pytest.approx(0, abs=1e-5)
     assert found[8, 15] == pytest.approx(1, abs=1e-5)
-    assert 0.2 < restore(image, missing, "inpaint")[8, 9] < 0.8
+    assert 0.2 < restore(image, missing, "inpaint").image[8, 9] < 0.8
 
 
 def test_nothing_leaves_its_chart():
@@ -109,7 +109,7 @@ def test_nothing_leaves_its_chart():
     missing[20:40, 28:40] = True
     missing[10:20, 40:50] = True
     for method in METHODS:
-        found = restore(np.where(chart > 0, image, 9.0), missing, method, inside=chart)
+        found = restore(np.where(chart > 0, image, 9.0), missing, method, inside=chart).image
         assert np.abs(found[20:40, 28:40] - 0.2).max() < 0.12
         assert np.abs(found[10:20, 40:50] - 0.8).max() < 0.12
         np.testing.assert_array_equal(found[chart == 0], 9.0)
@@ -127,10 +127,10 @@ def test_kappa_is_the_lowest_that_leaves_a_homogeneous_band():
     image = texture()
     # A texture so strong and regular that no number of subbands meets the threshold: only its mean is taken.
     assert deviations(image).min() > DEVIATION
-    assert chosen_kappa(image) <= 2
+    assert choose_kappa(image) <= 2
     y, x = np.mgrid[:96, :128]
     shaded = 0.1 * image + (np.cos(x / 12) * np.cos(y / 15))[:, :, None]
-    kappa = chosen_kappa(shaded)
+    kappa = choose_kappa(shaded)
     found = deviations(shaded)
     assert kappa > 2
     assert found[kappa] < DEVIATION <= found[kappa - 1]
@@ -147,7 +147,7 @@ def test_a_periodic_texture_is_continued():
     image = np.sin(2 * np.pi * x / 8) * np.cos(2 * np.pi * y / 8)
     missing = np.zeros((64, 64), bool)
     missing[24:40, 22:44] = True
-    found = restore(image.astype(np.float32), missing, "synthesize", refine=0, seams=False, levels=1, coherence=0)
+    found = restore(image.astype(np.float32), missing, "synthesize", refine=0, seams=False, levels=1, coherence=0).image
     # Fine contrast is estimated from the surroundings, to a few percent.
     assert np.abs(found - image).max() < 0.05
 
@@ -157,14 +157,14 @@ def test_concave_holes_and_holes_at_the_border_finish():
     y, x = np.mgrid[:64, :64]
     ring = (np.hypot(y - 32, x - 32) < 24) & ~(np.hypot(y - 32, x - 32) < 10)
     for missing in (ring, (y < 20) & (x < 20), (y > 30), x + y < 70):
-        source, _ = fill(
-            np.where(missing[:, :, None], 0, image), missing, np.ones((64, 64), int), levels=3, coherence=5, rotations=False
+        source, _ = synthesize_hole(
+            np.where(missing[:, :, None], 0, image), missing, np.ones((64, 64), int), levels=3, coherence=5, orientations=1
         )
         assert (source >= 0).all()
         assert not missing[source[..., 0], source[..., 1]].any()
 
 
-def test_rotations_find_what_only_turned_neighbourhoods_show():
+def test_orientations_find_what_only_turned_neighbourhoods_show():
     # A zigzag across whose turn stripes lead downwards: known ones above and beside the hole lead upwards.
     y, x = np.mgrid[:64, :64]
     upwards = np.sin(2 * np.pi * (x + y) / 8)
@@ -172,7 +172,7 @@ def test_rotations_find_what_only_turned_neighbourhoods_show():
     missing = (x >= 36) & (y >= 4)
     plain = {"refine": 0, "levels": 1, "coherence": 0}
     error = [
-        np.abs(restore(stripes, missing, "synthesize", rotations=r, **plain) - stripes)[missing].mean() for r in (False, True)
+        np.abs(restore(stripes, missing, "synthesize", orientations=n, **plain).image - stripes)[missing].mean() for n in (1, 8)
     ]
     assert error[1] < 0.5 * error[0]
 
@@ -188,7 +188,7 @@ def test_seam_correction_makes_up_a_step():
     shifted[0:10, 0:10] = band[13:23, 13:23] + 0.3
     source[missing] -= 13
     filled = shifted[source[..., 0], source[..., 1]]
-    found = corrected(filled, shifted, source, np.zeros((28, 28), int), missing, np.ones((28, 28), int))
+    found = fit_to_surroundings(filled, shifted, source, np.zeros((28, 28), int), missing, np.ones((28, 28), int))
     np.testing.assert_allclose(found, np.where(missing[:, :, None], band, shifted), atol=1e-3)
 
 
@@ -197,7 +197,7 @@ def test_contrast_holds_deep_inside_a_hole():
     detail = rng.standard_normal((420, 420, 1)).astype(np.float32)
     hole = np.zeros((420, 420), bool)
     hole[20:400, 20:400] = True
-    found = _contrast_of_surroundings(detail, hole, ~hole)
+    found = match_contrast(detail, hole, ~hole)
     assert found[200:220, 200:220].std() == pytest.approx(detail[200:220, 200:220].std(), rel=0.1)
 
 
@@ -206,7 +206,7 @@ def test_split_beats_both_single_methods_on_texture_with_a_gradient():
     x = np.linspace(0.4, 1.2, 160)[None, :, None]
     truth = (image * x).astype(np.float32)
     missing = blob(128, 160)
-    found = {m: restore(np.where(missing[:, :, None], 0, truth), missing, m) for m in METHODS}
+    found = {m: restore(np.where(missing[:, :, None], 0, truth), missing, m).image for m in METHODS}
     reports = {m: assess_restoration(found[m], missing, truth) for m in METHODS}
     off = {m: abs(r.energy / r.truth_energy - 1) for m, r in reports.items()}
     assert off["split"] < 0.15
@@ -219,12 +219,12 @@ def test_split_beats_both_single_methods_on_texture_with_a_gradient():
 
 def test_equal_bits_every_time():
     image, missing = texture(), blob()
-    np.testing.assert_array_equal(restore(image, missing), restore(image, missing))
+    np.testing.assert_array_equal(restore(image, missing).image, restore(image, missing).image)
 
 
 def test_nothing_missing_is_the_image():
     image = texture()
-    found = restore_in_detail(image, np.zeros(image.shape[:2], bool))
+    found = restore(image, np.zeros(image.shape[:2], bool))
     np.testing.assert_array_equal(found.image, image)
     assert "nothing is missing" in found.notes
 
@@ -233,7 +233,7 @@ def test_strips():
     image = np.random.default_rng(8).random((12, 3000)).astype(np.float32)
     missing = np.zeros(image.shape, bool)
     missing[3:8, 1000:1010] = True
-    assert np.isfinite(restore(image, missing)).all()
+    assert np.isfinite(restore(image, missing).image).all()
 
 
 @pytest.mark.parametrize(
@@ -246,6 +246,8 @@ def test_strips():
         ({"image": "picture"}, "real numbers"),
         ({"method": "magic"}, "method"),
         ({"levels": 0}, "levels"),
+        ({"orientations": 4}, "orientations must be 1"),
+        ({"orientations": True}, "orientations must be"),
         ({"coherence": -1}, "coherence"),
         ({"kappa": -1}, "kappa"),
         ({"inside": np.zeros((3, 3), int)}, "inside"),
@@ -255,14 +257,14 @@ def test_strips():
 def test_bad_input_is_named(change, message):
     arguments = {"image": texture(), "missing": blob(), **change}
     with pytest.raises(InputError, match=message):
-        restore_in_detail(**arguments)
+        restore(**arguments)
 
 
 def test_slivers_are_inpainted():
     missing = np.ones((40, 40), bool)
     missing[:, ::4] = False
     image = np.zeros((40, 40), np.float32) + np.arange(40, dtype=np.float32)
-    found = restore_in_detail(image, missing)
+    found = restore(image, missing)
     np.testing.assert_allclose(found.image[5:-5, 5:35], image[5:-5, 5:35], atol=1e-2)
     assert "inpainted" in found.notes[0]
 
@@ -271,14 +273,14 @@ def test_values_of_any_range_keep_their_detail():
     base = np.random.default_rng(9).random((40, 44))
     missing = np.zeros((40, 44), bool)
     missing[15:25, 15:25] = True
-    small = restore(base, missing)
+    small = restore(base, missing).image
     for scale, offset in ((1e9, 0), (1, 1e6), (1e-12, 0), (1e300, 0)):
-        found = restore(base * scale + offset, missing)
+        found = restore(base * scale + offset, missing).image
         np.testing.assert_allclose((found - offset) / scale, small, atol=2e-4)
     for dtype in (np.int32, np.uint32, np.int64):
         whole = np.full((40, 44), min(np.iinfo(dtype).max, 2**50), dtype)
-        np.testing.assert_array_equal(restore(whole, missing), whole)
-    assert np.isfinite(restore(((base * 2 - 1) * 6e4).astype(np.float16), missing)).all()
+        np.testing.assert_array_equal(restore(whole, missing).image, whole)
+    assert np.isfinite(restore(((base * 2 - 1) * 6e4).astype(np.float16), missing).image).all()
     with pytest.raises(InputError, match="2\\^53"):
         restore(np.full((40, 44), 2**60), missing)
 
@@ -286,7 +288,7 @@ def test_values_of_any_range_keep_their_detail():
 def test_large_chart_numbers_are_charts():
     image = texture()[:, :, 0]
     inside = np.full(image.shape, 2**40)
-    np.testing.assert_array_equal(restore(image, blob(), inside=inside), restore(image, blob()))
+    np.testing.assert_array_equal(restore(image, blob(), inside=inside).image, restore(image, blob()).image)
 
 
 def test_assessment_of_the_truth_is_the_truths():

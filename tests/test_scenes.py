@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
+import re
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import intaglio
+from intaglio.scenes import simple_patterns
+from intaglio.scenes.common import main
 
 BOUNDS = {
     "golf_ball": 2.0, "golf_ball_hole": 3.0, "cylinder_bumps": 2.0, "cylinder_wave": 2.0, "plane_wave": 2.0, "tower": 8.0,
@@ -23,9 +29,49 @@ REAL = {
 }
 
 
+SCENES = re.search(r"^SCENES := (.*)$", (Path(__file__).resolve().parent.parent / "Makefile").read_text(), re.MULTILINE)[
+    1
+].split()
+
+
 def run_scene(name, folder):
+    args = argparse.Namespace(output=folder, seed=1, device="cpu")
+    if name in simple_patterns.PATTERNS:
+        return simple_patterns.run(args, names=(name,))[0]
+    return importlib.import_module(f"intaglio.scenes.{name}").run(args)
+
+
+@pytest.mark.parametrize("name", [*SCENES, "gallery"])
+def test_scenes_have_one_form_of_entry(name):
     scene = importlib.import_module(f"intaglio.scenes.{name}")
-    return scene.run(argparse.Namespace(output=folder, seed=1, device="cpu"))
+    source = inspect.getsource(scene)
+    assert next(iter(inspect.signature(scene.run).parameters)) == "args"
+    started = re.search(r'\n\n\nif __name__ == "__main__":\n    main\(run, __doc__(?:, ([A-Z]+))?\)\n$', source)
+    assert started
+    assert "argparse.ArgumentParser" not in source
+    if started[1]:
+        assert "names" in inspect.signature(scene.run).parameters
+        assert all(name.isidentifier() for name in getattr(scene, started[1]))
+
+
+def test_the_command_line_chooses_among_several_scenes(monkeypatch, tmp_path, capsys):
+    found = []
+
+    def run(args, names):
+        found.append((args.output, args.seed, args.device, names))
+
+    for words in ([], ["b", "a"], ["c"]):
+        monkeypatch.setattr("sys.argv", ["scene", "-o", str(tmp_path / "new"), "--seed", "7", *words])
+        monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+        try:
+            main(
+                lambda args, names: found.append((args.output, args.seed, args.device, names)), "What it does.", {"a": 1, "b": 2}
+            )
+        except SystemExit as stop:
+            found.append(stop.code)
+    assert found == [(tmp_path / "new", 7, None, ("a", "b")), (tmp_path / "new", 7, None, ("b", "a")), 2]
+    assert (tmp_path / "new").is_dir()
+    assert "invalid choice: 'c'" in capsys.readouterr().err
 
 
 def check_files(result, folder):

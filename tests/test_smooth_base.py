@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
+from reliefs import complete_with
 
 import intaglio
 from intaglio import Surface
@@ -15,13 +16,13 @@ from intaglio.kernels.polygons import least_area_triangles
 from intaglio.mesh.topology import Topology, border_edges, directed_edges, edge_keys, unique_edges
 from intaglio.relief.ground import thin_plate
 from intaglio.relief.ground.holes import choose_holes, find_holes
-from intaglio.relief.ground.patches import refined, triangulated_rim
-from intaglio.relief.ground.prepare import prepare_ground
-from intaglio.relief.ground.thin_plate import smoothed
+from intaglio.relief.ground.patches import refine_patch, triangulate_rim
+from intaglio.relief.ground.prepare import GroundOptions, prepare_ground
+from intaglio.relief.ground.thin_plate import smooth_over_surface
 from intaglio.relief.growth.displacement_metric import DisplacementMetric
-from intaglio.relief.growth.propagation import State
 from intaglio.relief.growth.refinement import _references
 from intaglio.relief.growth.samples import sample_set
+from intaglio.relief.growth.state import State
 
 
 def ball(subdivisions=4, rough=0.0, seed=0):
@@ -161,7 +162,7 @@ def test_smoothing_damps_a_wave_by_the_stated_factor():
     vertices, faces = flat(80)
     for wave in (10.0, 20.0, 40.0):
         height = np.sin(2 * np.pi * vertices[:, 0] / wave)
-        out = smoothed(height[:, None], vertices, faces, 20.0)[:, 0]
+        out = smooth_over_surface(height[:, None], vertices, faces, 20.0)[:, 0]
         inner = (np.abs(vertices[:, :2] - 39.5) < 20).all(axis=1)
         gain = (out @ (height * inner)) / (height @ (height * inner))
         assert gain == pytest.approx(1 / (1 + (20.0 / wave) ** 4), abs=0.03)
@@ -173,9 +174,9 @@ def test_conjugate_gradients_agree_with_the_direct_solution(monkeypatch):
     values = np.stack([5 * np.sin(vertices[:, 0] / 9) + rng.normal(0, 0.3, len(vertices)), vertices[:, 1]], axis=1)
     hole = (np.abs(vertices[:, :2] - 30) < 9).all(axis=1)
     for length, weight in ((6.0, None), (60.0, None), (15.0, 1.0 - hole)):
-        direct = smoothed(values, vertices, faces, length, weight=weight)
+        direct = smooth_over_surface(values, vertices, faces, length, weight=weight)
         monkeypatch.setattr(thin_plate, "DIRECT", 10)
-        iterated = smoothed(values, vertices, faces, length, weight=weight)
+        iterated = smooth_over_surface(values, vertices, faces, length, weight=weight)
         monkeypatch.undo()
         np.testing.assert_allclose(iterated, direct, atol=2e-4)
 
@@ -184,9 +185,11 @@ def test_a_made_up_part_is_biharmonic_and_keeps_planes():
     vertices, faces = flat(30)
     inside = (np.abs(vertices[:, :2] - 14.5) < 6).all(axis=1)
     plane = vertices[:, :1] * 0.3 - vertices[:, 1:2]
-    out = smoothed(np.where(inside[:, None], 0.0, plane), vertices, faces, 5.0, weight=np.zeros(len(vertices)), free=inside)
+    out = smooth_over_surface(
+        np.where(inside[:, None], 0.0, plane), vertices, faces, 5.0, weight=np.zeros(len(vertices)), free=inside
+    )
     np.testing.assert_allclose(out, plane, atol=1e-8)
-    held = smoothed(plane, vertices, faces, 5.0, free=np.zeros(len(vertices), bool))
+    held = smooth_over_surface(plane, vertices, faces, 5.0, free=np.zeros(len(vertices), bool))
     assert held.tobytes() == plane.tobytes()
 
 
@@ -224,7 +227,7 @@ def test_a_rim_that_touches_itself_is_followed_along_its_fans():
     scan = Surface(vertices=vertices, faces=faces[~(low[:, :2].all(axis=1) | high[:, :2].all(axis=1))])
     holes = [h for h in find_holes(scan.vertices, scan.faces) if not h.outer]
     assert sum(len(h.loop) for h in holes) == 16
-    whole = intaglio.complete_relief(scan, "smooth", rotations=1, window=3, holes="all")
+    whole = complete_with(scan, "smooth", rotations=1, window=3, holes="all")
     edges = np.sort(directed_edges(whole.faces), axis=1)
     assert np.unique(edges, axis=0, return_counts=True)[1].max() == 2
     assert len(border_edges(whole.faces)) == 44
@@ -233,12 +236,12 @@ def test_a_rim_that_touches_itself_is_followed_along_its_fans():
 def test_long_rims_and_patches_are_refined_to_the_spacing():
     angle = np.linspace(0, 2 * np.pi, 1500, endpoint=False)
     rim = np.stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(3 * angle)], axis=1) * 100
-    triangles = triangulated_rim(rim, np.zeros(0, np.int64), [np.arange(1500)[::-1]], "cpu")
+    triangles = triangulate_rim(rim, np.zeros(0, np.int64), [np.arange(1500)[::-1]], "cpu")
     assert triangles.shape == (1498, 3)
     assert len(np.unique(triangles)) == 1500
     short = rim[::30]
-    triangles = triangulated_rim(short, np.zeros(0, np.int64), [np.arange(50)[::-1]], "cpu")
-    points, faces = refined(short, triangles, 12.0, np.zeros(0, np.int64))
+    triangles = triangulate_rim(short, np.zeros(0, np.int64), [np.arange(50)[::-1]], "cpu")
+    points, faces = refine_patch(short, triangles, 12.0, np.zeros(0, np.int64))
     np.testing.assert_array_equal(points[:50], short)
     edges = unique_edges(faces)
     length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
@@ -269,7 +272,7 @@ def test_relief_continues_over_any_shape_and_measured_bits_stay():
     vertices = vertices * (1.0, 1.3, 0.8) + (500000.0, 0, 0)
     scan = punched(vertices, faces, ((500000.0, 0, 8), 3.0), ((500010.0, 0, 0), 2.0))
     seen = []
-    whole = intaglio.complete_relief(scan, "auto", refine=2, seed=3, progress=lambda done, total: seen.append((done, total)))
+    whole = complete_with(scan, "auto", refine=2, seed=3, progress=lambda done, total: seen.append((done, total)))
     assert whole.model.kind == "smooth"
     assert whole.vertices[: len(scan.vertices)].tobytes() == scan.vertices.tobytes()
     assert is_closed_and_manifold(whole.faces)
@@ -280,9 +283,9 @@ def test_relief_continues_over_any_shape_and_measured_bits_stay():
     assert 0.6 < report.std_filled / report.std_measured < 1.4
     assert report.seam < 1.3
     assert np.isfinite(whole.vertices).all()
-    again = intaglio.complete_relief(scan, "smooth", refine=2, seed=3)
+    again = complete_with(scan, "smooth", refine=2, seed=3)
     assert again.vertices.tobytes() == whole.vertices.tobytes()
-    one = intaglio.complete_relief(scan, holes="largest", refine=0, rotations=1, window=5)
+    one = complete_with(scan, holes="largest", refine=0, rotations=1, window=5)
     assert 0 < (~one.measured).sum() < filled.sum()
     assert len(find_holes(one.vertices, one.faces)) == 1
 
@@ -317,14 +320,14 @@ def test_tiny_holes_are_closed(edges):
 def test_a_scan_without_relief_says_so():
     vertices, faces = flat(24)
     scan = punched(vertices, faces, ((11.5, 11.5, 0), 4.0))
-    whole = intaglio.complete_relief(scan, "smooth", rotations=1)
+    whole = complete_with(scan, "smooth", rotations=1)
     assert any("no relief" in note for note in whole.notes)
     np.testing.assert_allclose(whole.vertices[:, 2], 0, atol=1e-6)
 
 
 def test_smooth_surfaces_are_read_back_and_assessed(tmp_path):
     vertices, faces = ball(4, rough=0.3)
-    whole = intaglio.complete_relief(punched(vertices, faces, ((0, 0, 10), 3.5)), "smooth", rotations=1, window=4)
+    whole = complete_with(punched(vertices, faces, ((0, 0, 10), 3.5)), "smooth", rotations=1, window=4)
     whole.write(tmp_path / "whole.ply")
     back = intaglio.read_surface(tmp_path / "whole.ply")
     assert back.model.kind == "smooth"
@@ -351,15 +354,15 @@ def test_bad_settings_of_a_smooth_base(settings, message):
     vertices, faces = ball(3)
     scan = punched(vertices, faces, ((0, 0, 10), 4.0))
     with pytest.raises(intaglio.InputError, match=message):
-        intaglio.complete_relief(scan, **settings)
+        complete_with(scan, **settings)
 
 
 def test_a_hole_larger_than_the_scan_is_left_open_unless_asked():
     vertices, faces = ball(4)
     cap = Surface(vertices=vertices, faces=faces).part(vertices[:, 2] > 6)
     with pytest.raises(intaglio.InputError, match="holes='every'"):
-        intaglio.complete_relief(cap, "smooth")
-    whole = intaglio.complete_relief(cap, "smooth", holes="every", rotations=1, window=4)
+        complete_with(cap, "smooth")
+    whole = complete_with(cap, "smooth", holes="every", rotations=1, window=4)
     assert is_closed_and_manifold(whole.faces)
 
 
@@ -392,7 +395,7 @@ def test_a_closed_scan_with_a_stray_triangle_has_nothing_to_fill():
         vertices=np.concatenate([vertices, stray]), faces=np.concatenate([faces, len(vertices) + np.array([[0, 1, 2]])])
     )
     with pytest.raises(intaglio.InputError, match="nothing is missing"):
-        intaglio.complete_relief(scan, "smooth")
+        complete_with(scan, "smooth")
 
 
 def test_a_flap_on_one_vertex_and_holes_that_meet_stay_manifold():
@@ -411,7 +414,7 @@ def test_a_flap_on_one_vertex_and_holes_that_meet_stay_manifold():
 def test_a_sharp_rim_leaves_no_gap():
     vertices, faces = ball(4)
     bowl = Surface(vertices=vertices, faces=faces).part(vertices[:, 2] < -2)
-    ground = prepare_ground(bowl, "smooth", holes="every")
+    ground = prepare_ground(bowl, "smooth", GroundOptions(holes="every"))
     scan, filling = (f for f in np.split(ground.faces, [len(bowl.faces)]))
     longest = [np.linalg.norm(ground.vertices[f] - ground.vertices[np.roll(f, 1, axis=1)], axis=2).max() for f in (scan, filling)]
     assert longest[1] < 2.5 * longest[0]

@@ -8,7 +8,7 @@ from skimage import data
 
 from intaglio import InputError, Synthesis, assess_synthesis, quilt
 from intaglio.synthesis.ranking_page import write_ranking_page
-from intaglio.synthesis.report import pictures_of, source_picture, write_source, write_synthesis_report
+from intaglio.synthesis.report import source_picture, synthesis_pictures, write_source, write_synthesis_report
 
 
 def places(height, width, top=0, left=0):
@@ -128,7 +128,7 @@ def test_the_page_and_the_provenance(gravel, tmp_path):
     assert page.count("data:image/png") == 5
     assert "Gra&lt;vel" in page
     assert "Tiled two by two" in page
-    assert list(pictures_of(gravel, result)["Sample and result"]) == ["sample", "result"]
+    assert list(synthesis_pictures(gravel, result)["Sample and result"]) == ["sample", "result"]
     assert source_picture(result.source, (128, 128)).shape == (90, 110, 3)
 
 

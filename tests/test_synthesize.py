@@ -7,10 +7,15 @@ import pytest
 from stacks import HELD_OUT, lambertian, scattered
 
 from intaglio import (
+    GrowOptions,
     InputError,
+    Match,
     PhotometricStack,
+    QuiltOptions,
     assess_synthesis,
+    grow,
     light_direction,
+    quilt,
     represent,
     synthesize,
     synthesize_each_light,
@@ -29,7 +34,7 @@ def stack():
 def test_relighting_and_copying_commute(stack, kind, color):
     colours = PhotometricStack(stack.images * np.array([1.0, 0.7, 0.4], np.float32), stack.lights)
     sample = represent(colours, kind, color=color)
-    result = synthesize(colours, (50, 61), kind=kind, color=color, block=14, seed=3)
+    result = synthesize(colours, (50, 61), QuiltOptions(block=14), kind=kind, color=color, seed=3)
     assert result.texture.kind == kind
     assert result.texture.shape == (50, 61, 3)
     for light in HELD_OUT[:3]:
@@ -37,8 +42,8 @@ def test_relighting_and_copying_commute(stack, kind, color):
 
 
 def test_a_texture_and_its_photographs_give_the_same(stack):
-    a = synthesize(stack, 40, kind="ptm", block=12, seed=1)
-    b = synthesize(represent(stack, "ptm"), 40, block=12, seed=1)
+    a = synthesize(stack, 40, QuiltOptions(block=12), kind="ptm", seed=1)
+    b = synthesize(represent(stack, "ptm"), 40, QuiltOptions(block=12), seed=1)
     np.testing.assert_array_equal(a.texture.maps, b.texture.maps)
 
 
@@ -46,15 +51,15 @@ def test_masked_pixels_of_a_texture_are_never_copied(stack):
     mask = np.ones((40, 44), bool)
     mask[10:15, 20:30] = False
     sample = represent(PhotometricStack(stack.images, stack.lights, mask), "gradient")
-    for method in ("quilt", "grow"):
-        result = synthesize(sample, 40, method=method, **({"block": 8} if method == "quilt" else {}))
+    for options in (QuiltOptions(block=8), GrowOptions()):
+        result = synthesize(sample, 40, options)
         assert mask[result.source[..., 0], result.source[..., 1]].all()
         assert result.texture.mask is None
 
 
 def test_a_height_map_is_synthesised_and_lit_by_its_own_slopes(stack):
     sample = represent(stack, "height")
-    result = synthesize(stack, 64, kind="height", block=16, tileable=True, seed=1)
+    result = synthesize(stack, 64, QuiltOptions(block=16), kind="height", tileable=True, seed=1)
     assert result.texture.kind == "height"
     np.testing.assert_array_equal(result.texture.height, result.maps[..., 0])
     z = result.texture.height
@@ -64,7 +69,7 @@ def test_a_height_map_is_synthesised_and_lit_by_its_own_slopes(stack):
     # What is left is the sample's mean slope.
     left = slope - np.stack([p, q])
     np.testing.assert_allclose(left, left.mean(axis=(1, 2), keepdims=True) * np.ones_like(left), atol=1e-4)
-    whole = synthesize(sample, (40, 44), block=40, overlap=4, refine=0)
+    whole = synthesize(sample, (40, 44), QuiltOptions(block=40, overlap=4, refine=0))
     light = light_direction(45, 45)
     # The first block, but for where the next cuts in.
     inside = np.s_[2:-2, 2:34]
@@ -75,7 +80,7 @@ def test_a_height_map_is_synthesised_and_lit_by_its_own_slopes(stack):
 
 def test_the_other_order_gives_an_image_for_each_light(stack):
     lights = HELD_OUT[:2]
-    results = synthesize_each_light(stack, 40, lights, kind="gradient", block=12, seed=1)
+    results = synthesize_each_light(stack, 40, lights, QuiltOptions(block=12), kind="gradient", seed=1)
     images = represent(stack, "gradient").relight(lights)
     assert len(results) == 2
     for result, image in zip(results, images, strict=True):
@@ -84,25 +89,51 @@ def test_the_other_order_gives_an_image_for_each_light(stack):
 
 def test_plain_maps_and_both_methods():
     maps = [np.random.default_rng(0).random((30, 30)), np.random.default_rng(1).random((30, 30, 2))]
-    for method in ("quilt", "grow"):
-        result = synthesize(maps, 40, method=method, seed=1)
+    for options in (None, GrowOptions()):
+        result = synthesize(maps, 40, options, seed=1)
         assert result.maps.shape == (40, 40, 3)
         np.testing.assert_array_equal(result.maps[..., 1:], result.copy_of(maps[1]))
         assert result.texture is None
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("make", "options", "message"),
     [
-        ({"method": "paint"}, "method must be one of"),
-        ({"window": 5}, "quilt has no option 'window'"),
-        ({"method": "grow", "block": 5}, "grow has no option 'block'"),
-        ({"method": "grow", "missing": np.zeros((30, 30), bool)}, "no option 'missing'"),
+        (QuiltOptions, {"tolerance": -1}, "tolerance must be"),
+        (QuiltOptions, {"cut": "straight"}, "cut must be one of"),
+        (QuiltOptions, {"continuation": 3}, "continuation must be one of"),
+        (QuiltOptions, {"block": True}, "block must be"),
+        (QuiltOptions, {"overlap": 0}, "overlap must be"),
+        (QuiltOptions, {"refine": 1.5}, "refine must be"),
+        (GrowOptions, {"window": 8}, "window must be a whole number from 1 to 7"),
+        (GrowOptions, {"levels": 13}, "levels must be"),
+        (GrowOptions, {"exhaustive": 2}, "exhaustive must be"),
+        (Match, {"metric": "l2"}, "metric must be one of"),
     ],
 )
-def test_bad_options_are_named(options, message):
+def test_bad_options_are_named_when_they_are_made(make, options, message):
     with pytest.raises(InputError, match=message):
-        synthesize(np.zeros((30, 30)), 40, **options)
+        make(**options)
+
+
+def test_options_of_no_method_are_refused(stack):
+    with pytest.raises(InputError, match="QuiltOptions or GrowOptions"):
+        synthesize(np.zeros((30, 30)), 40, "grow")
+    with pytest.raises(InputError, match="QuiltOptions or GrowOptions"):
+        synthesize_each_light(stack, 40, [[0, 0, 1]], {"block": 8})
+
+
+def test_options_are_those_of_the_methods():
+    sample = np.random.default_rng(0).random((30, 30))
+    blocks = QuiltOptions(block=9, overlap=4, tolerance=0.3, cut="graph", continuation="avoid", refine=1)
+    np.testing.assert_array_equal(
+        synthesize(sample, 40, blocks, seed=3).source,
+        quilt(sample, 40, 9, 4, 0.3, cut="graph", continuation="avoid", refine=1, seed=3).source,
+    )
+    pixels = GrowOptions(window=1, levels=2, exhaustive=0.5)
+    np.testing.assert_array_equal(
+        synthesize(sample, 40, pixels, seed=3).source, grow(sample, 40, window=1, levels=2, exhaustive=0.5, seed=3).source
+    )
 
 
 def test_bad_input_of_the_other_order(stack):

@@ -98,3 +98,33 @@ def checked_rows(name: str, value: Array, dtype: type, count: int | None = None)
         first = int(np.flatnonzero(~finite)[0])
         raise InputError(f"{name}: {(~finite).sum()} rows are not finite, the first is row {first}: {array[first]}")
     return array
+
+
+def checked_mask(name: str, value: object, shape: tuple[int, ...]) -> Array:
+    """Return ``value`` as a bool array, or raise `InputError` if it is not one of ``shape``."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise InputError(f"{name} must be a bool array {shape} like the maps ({error})") from error
+    if array.shape != tuple(shape) or array.dtype.kind not in "bui":
+        raise InputError(f"{name} must be a bool array {tuple(shape)} like the maps, not {array.dtype} {array.shape}")
+    return array.astype(bool)
+
+
+def checked_size(name: str, value: int | tuple[int, int]) -> tuple[int, int]:
+    """Return ``value``, a number or (rows, columns), as (rows, columns).
+
+    Raises
+    ------
+    InputError
+        If it is neither a whole number from 1 to 65536 nor two of them.
+    """
+    both = (value, value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else value
+    try:
+        rows, columns = both  # type: ignore[misc]
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be a whole number or (rows, columns), not {value!r}") from error
+    for number in (rows, columns):
+        if not isinstance(number, int | np.integer) or isinstance(number, bool) or not 1 <= number <= 65536:
+            raise InputError(f"{name} must be whole numbers from 1 to 65536, (rows, columns); given: {value!r}")
+    return int(rows), int(columns)

@@ -14,15 +14,15 @@ DIRECT = 40_000
 _RESIDUAL, _ITERATIONS = 1e-5, 1000
 
 
-def factored(system: csr_array) -> SuperLU:
+def factor_symmetric(system: csr_array) -> SuperLU:
     """Return the factors of a symmetric system whose diagonal needs no pivoting."""
     return splu(system.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
-def solved(system: csr_array, right: Array, start: Array) -> Array:
+def solve_symmetric(system: csr_array, right: Array, start: Array) -> Array:
     """Return the solution (M, C) of a symmetric, diagonally dominant system for right sides (M, C)."""
     if system.shape[0] <= DIRECT:
-        return np.asarray(factored(system).solve(right))
+        return np.asarray(factor_symmetric(system).solve(right))
     diagonal = system.diagonal()
     scale = LinearOperator(system.shape, lambda v: v / diagonal)
     columns = [

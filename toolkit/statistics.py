@@ -15,7 +15,10 @@ _PAIR_POINTS = 2500
 
 
 def mean_surface_integral(relief: Array) -> float:
-    """Return the mean signed displacement, MSI = (1/n) sum D(i).n(i), in the input's unit (paper 001, eq. 3)."""
+    """Return the mean signed displacement, MSI = (1/n) sum D(i).n(i), in the input's unit.
+
+    Breckon & Fisher, IEEE TPAMI 30(12), 2008, equation 3.
+    """
     return float(np.mean(relief)) if len(relief) else float("nan")
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from intaglio import GeometryTexture, IntaglioWarning, assess_geometry, extend_geometry
 from intaglio.kernels.point_surface import PointSurface
-from intaglio.scenes import brick_height, chain_mail, flowers, weave
 from intaglio.scenes.connections import broken_threads, closed_rings
+from intaglio.scenes.geometry_textures import brick_swatch, chain_mail_swatch, flowers_swatch, weave_swatch
 from tests.benchmarks.timing import best
 
 
@@ -67,12 +67,12 @@ def main() -> None:
     args = parser.parse_args()
     warnings.simplefilter("ignore", IntaglioWarning)
     machine()
-    mail = chain_mail.swatch()
+    mail = chain_mail_swatch()
     projection(mail)
     extend_geometry(mail, 8.0, 5.0)
-    row("height field", brick_height.swatch(), (295.0, 295.0), 60.0, 3)
-    row("weave", weave.swatch(), (17.0, 17.0), 3.9, 3)
-    row("flowers", flowers.swatch(), (13.5, 11.5), 3.2, 3, weights="flowers")
+    row("height field", brick_swatch(), (295.0, 295.0), 60.0, 3)
+    row("weave", weave_swatch(), (17.0, 17.0), 3.9, 3)
+    row("flowers", flowers_swatch(), (13.5, 11.5), 3.2, 3, weights="flowers")
     for millions in (0.1, 0.2, 0.4, 1.0, args.large):
         side = np.sqrt(millions * 1e6 / 0.197e6 * 26 * 19.5)
         row(f"chain mail, {millions:g} million", mail, (side, side), 5.0, 3 if millions < 0.3 else 1)

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from intaglio import Photograph, Surface, bind_photographs, combine_photographs, parameterize, restore_in_detail
+from intaglio import Photograph, Surface, bind_photographs, combine_photographs, parameterize, restore
 from intaglio.parameterization.atlas import atlas
-from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, inverses, squared_stretches
+from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, invert_matrices, squared_stretches
 from intaglio.scenes.photographs import camera_towards
 from intaglio.scenes.restoration import damage
 from tests.benchmarks.timing import best
@@ -26,7 +26,7 @@ def l2_stretch(surface, uv, faces):
     """Normalised L2 stretch and flips, as for ours."""
     area = doubled_areas(surface.vertices, surface.faces)
     signed = doubled_texture_areas(uv, faces)
-    squared = squared_stretches(uv, faces, inverses(flat_edges(surface.vertices, surface.faces)))
+    squared = squared_stretches(uv, faces, invert_matrices(flat_edges(surface.vertices, surface.faces)))
     flips = min(int((signed <= 0).sum()), int((signed >= 0).sum()))
     return float(np.sqrt((area * squared).sum() / area.sum() * np.abs(signed).sum() / area.sum())), flips
 
@@ -107,7 +107,7 @@ def restorations():
     image = np.clip(0.5 + 0.8 * grain, 0, 1).astype(np.float32)
     missing = damage()
     for method in ("split", "synthesize", "inpaint"):
-        seconds = best(lambda m=method: restore_in_detail(image, missing, m), 3)
+        seconds = best(lambda m=method: restore(image, missing, m), 3)
         print(f"600 x 450, {100 * missing.mean():.1f} % missing, {method}: {seconds:.2f} s")
     try:
         import cv2

@@ -24,6 +24,7 @@ from intaglio.kernels.launch import choose_device, single_threaded_blas, threads
 from intaglio.kernels.location import polar_grid  # noqa: E402
 from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher  # noqa: E402
 from intaglio.scenes.patterns import bumps, cylinder_base, grid_faces, on_cylinder, on_plane, plane_base, plane_wave, wave  # noqa: E402
+from tests.reliefs import complete_with  # noqa: E402
 
 
 def main() -> None:
@@ -78,7 +79,7 @@ def warm_up(device: str) -> None:
     """Fill Warp's kernel cache, so that times below are warm."""
     scan, _ = on_cylinder(wave)
     for metric in ("displacement", "surface"):
-        intaglio.complete_relief(scan, cylinder_base(), 2, 0.1, rotations=1, metric=metric, device=device)
+        complete_with(scan, cylinder_base(), 2, 0.1, rotations=1, metric=metric, device=device)
 
 
 def papers_patterns(device: str) -> None:
@@ -95,7 +96,7 @@ def papers_patterns(device: str) -> None:
             for seed in range(1, 6):
                 noisy = with_noise(scan, base, noise, seed)
                 start = time.perf_counter()
-                whole = intaglio.complete_relief(noisy, base, 2, 0.1, rotations=1, extent=extent, seed=seed, device=device)
+                whole = complete_with(noisy, base, 2, 0.1, rotations=1, extent=extent, seed=seed, device=device)
                 times.append(time.perf_counter() - start)
                 relief = whole.relief
                 measured = relief[whole.measured].mean()
@@ -187,7 +188,7 @@ def one_size(size: int, device: str) -> None:
     rows = round(size / around)
     scan = rough_tube(rows, around // 2, around)
     start = time.perf_counter()
-    whole = intaglio.complete_relief(scan, "cylinder", 7, rotations=1, refine=3, oversample=False, device=device)
+    whole = complete_with(scan, "cylinder", 7, rotations=1, refine=3, oversample=False, device=device)
     seconds = time.perf_counter() - start
     measured, filled = int(whole.measured.sum()), int((~whole.measured).sum())
     peak = peak_memory()
@@ -201,23 +202,24 @@ def one_size(size: int, device: str) -> None:
 def recall(device: str) -> None:
     """What the approximate search finds of what the exhaustive one finds, and at what cost, on two scenes."""
     print("approximate search against exhaustive: every eighth target of a grown surface, whole neighbourhoods")
-    from intaglio.relief.ground.prepare import prepare_ground
+    from intaglio.relief.ground.prepare import GroundOptions, prepare_ground
     from intaglio.relief.growth.displacement_metric import DisplacementMetric
-    from intaglio.relief.growth.propagation import Selection, grow_relief
+    from intaglio.relief.growth.propagation import grow_relief
     from intaglio.relief.growth.samples import sample_set
+    from intaglio.relief.growth.settings import Selection
     from intaglio.scenes.ball import ball
     from intaglio.scenes.golf_ball import one_view
 
     cases = [
-        ("golf ball", prepare_ground(one_view(ball(4, 7)), "sphere", spacing=0.62), 24, 9, True),
+        ("golf ball", prepare_ground(one_view(ball(4, 7)), "sphere", GroundOptions(spacing=0.62)), 24, 9, True),
         ("stochastic tube", prepare_ground(rough_tube(102, 126, 126 + 71), "cylinder"), 8, 7, False),
     ]
-    best_match = Selection("near-best", 1.0, 10.0, np.inf)
+    best_match = Selection("near-best", tolerance=0.0)
     for name, ground, rotations, window, oversample in cases:
         samples = sample_set(ground, oversample)
-        rule = Selection("near-best", 1.1, 10.0, 0.5 * float(ground.height[ground.measured].var()))
+        error = 0.5 * float(ground.height[ground.measured].var())
         metrics = [DisplacementMetric(ground, samples, window, rotations, device, approximate=a, seed=1) for a in (False, True)]
-        state = grow_relief(ground, metrics[1], window=window, selection=rule, seed=1).state
+        state = grow_relief(ground, metrics[1], window=window, error=error, selection=Selection(), seed=1).state
         targets = np.flatnonzero(~ground.measured)[::8]
         errors, times = [], []
         for metric in metrics:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio import grow, quilt
-from intaglio.synthesis.sample import prepare
+from intaglio.synthesis.sample import prepare_sample
 from tests.benchmarks.timing import best
 
 
@@ -97,7 +97,7 @@ def colour(plain):
     for share in (1.0, 0.5):
         print(f"grow, exhaustive {share:g}: {best(lambda s=share: grow(sample, 512, exhaustive=s), 1):.1f} s")
     if plain:
-        features = np.moveaxis(prepare(sample).features, 0, 2)
+        features = np.moveaxis(prepare_sample(sample).features, 0, 2)
         start = time.perf_counter()
         plain_quilt(features, 512, 32, 8)
         slow = time.perf_counter() - start

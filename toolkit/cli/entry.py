@@ -13,18 +13,18 @@ import numpy as np
 
 import intaglio
 from intaglio.arrays import Array
+from intaglio.cli.assessment import assess
 from intaglio.cli.facts import image_facts, is_texture, mesh_facts, point_facts, stack_facts, system_facts, texture_facts
 from intaglio.cli.geometry import extend
 from intaglio.cli.options import Numbers, common, image_size, known_suffix, render_on
 from intaglio.cli.photographs import restore, texture
-from intaglio.cli.photometric import assess, relight, represent
+from intaglio.cli.photometric import relight, represent
 from intaglio.cli.relief import complete
 from intaglio.cli.synthesis import rank, synthesize
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioError, IntaglioWarning
 from intaglio.files import IMAGE_SUFFIXES, check_readable, check_writable
 from intaglio.geometry import POINT_FILES, holds_points
-from intaglio.kernels.launch import start_quietly
 from intaglio.mesh import WRITABLE
 from intaglio.photometric import STACK_SUFFIXES
 
@@ -99,7 +99,7 @@ def render(
         seed=seed,
     )
     intaglio.write_image(image, output)
-    click.echo(f"wrote {output}: {shape[0]} x {shape[1]} pixels")
+    click.echo(f"wrote {output}: {shape[1]} x {shape[0]} pixels")
 
 
 @cli.command(epilog="Example: intaglio compare completed.png truth.png -o difference.png")
@@ -167,8 +167,6 @@ def _opaque(image: Array) -> Array:
 
 def main() -> None:
     """Run the command; errors become one line on stderr and exit status 2."""
-    if not {"-h", "--help", "--version"} & set(sys.argv):
-        start_quietly()
     warnings.showwarning = _show_warning
     try:
         cli.main(standalone_mode=False)

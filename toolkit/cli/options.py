@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -63,6 +64,37 @@ class HoleChoice(click.ParamType):
             self.fail(f"{value!r} is not all, largest, every, list, or numbers like 1,3", param, ctx)
 
 
+def grouped(name: str, make: Callable[..., Any], *options: Callable[..., Any]) -> Callable[..., Any]:
+    """Add options to a command, which gets what ``make`` makes of their values as one argument ``name``.
+
+    Parameters
+    ----------
+    name : str
+        Argument of the command.
+    make : callable
+        Called with the values of the options by keyword: a class of settings, or ``dict`` for those that are handed on.
+    options : decorators from `click.option`
+        In the order in which the help lists them.
+    """
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        names: list[str] = []
+
+        @functools.wraps(command)
+        def collect(*args: Any, **values: Any) -> Any:
+            group = make(**{option: values.pop(option) for option in names})
+            return command(*args, **{name: group}, **values)
+
+        known = vars(collect).setdefault("__click_params__", [])
+        before = len(known)
+        for option in reversed(options):
+            option(collect)
+        names.extend(param.name for param in known[before:])
+        return collect
+
+    return decorate
+
+
 def common(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that every command has."""
     command = click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one.")(command)
@@ -86,14 +118,14 @@ def known_suffix(path: Path, known: tuple[str, ...], what: str) -> None:
 
 
 def image_size(text: str) -> tuple[int, int]:
-    """Return width and height of WIDTHxHEIGHT."""
+    """Return the rows and columns that WIDTHxHEIGHT means."""
     try:
         width, height = (int(v) for v in text.lower().split("x"))
     except ValueError:
         raise InputError(f"--size {text!r} is not WIDTHxHEIGHT, such as 800x600") from None
     if not (1 <= width <= 16384 and 1 <= height <= 16384):
         raise InputError(f"--size {text!r}: width and height must be from 1 to 16384 pixels")
-    return width, height
+    return height, width
 
 
 def render_on(device: str | None) -> None:

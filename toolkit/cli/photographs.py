@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.cli.masks import read_mask
 from intaglio.cli.options import Numbers, common, known_suffix, render_on, was_given
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -32,7 +33,7 @@ from intaglio.photographs import (
     write_textured,
 )
 from intaglio.progress import ProgressBar
-from intaglio.restoration import METHODS, restore_in_detail, write_restoration_report
+from intaglio.restoration import METHODS, write_restoration_report
 
 # Of linear samples, to work on them as they look.
 _GAMMA = 2.4
@@ -280,13 +281,13 @@ def restore(
     if values.dtype.kind == "f" and output.suffix.lower() != ".exr":
         raise InputError(f"{image}: holds floats, which only EXR could hold of the result; write .exr")
     colors, alpha = (values[:, :, :3], values[:, :, 3]) if values.ndim == 3 and values.shape[2] == 4 else (values, None)
-    missing = _mask(mask, values.shape[:2], image) ^ invert
-    walls = None if barriers is None else _mask(barriers, values.shape[:2], image)
+    missing = read_mask(mask, values.shape[:2], image) ^ invert
+    walls = None if barriers is None else read_mask(barriers, values.shape[:2], image)
     inside = None if alpha is None else (alpha > 0) | missing
     start = time.perf_counter()
     try:
         with ProgressBar("restoring") as bar:
-            found = restore_in_detail(
+            found = restore(
                 _as_seen(colors),
                 missing,
                 method,
@@ -338,21 +339,3 @@ def _as_stored(seen: Array, samples: Array) -> Array:
         most = np.iinfo(samples.dtype).max
         return np.clip(np.rint(values * most), 0, most).astype(samples.dtype)
     return values.astype(samples.dtype)
-
-
-def _mask(path: Path, shape: tuple[int, ...], image: Path) -> Array:
-    """Return a mask file's bright pixels, (H, W) bool."""
-    known_suffix(path, READABLE_SUFFIXES, "mask")
-    values = read_samples(path)
-    # Of a mask with alpha but one colour, the alpha is the mask.
-    if values.ndim == 3 and values.shape[2] == 4 and np.ptp(values[:, :, :3]) == 0 < np.ptp(values[:, :, 3]):
-        values = values[:, :, 3]
-    elif values.ndim == 3:
-        values = values[:, :, :3].max(axis=2)
-    if values.shape != tuple(shape):
-        raise InputError(
-            f"{path}: the mask has {values.shape[1]} x {values.shape[0]} pixels, {image} has {shape[1]} x {shape[0]}; "
-            "give a mask of the image's size"
-        )
-    top = np.iinfo(values.dtype).max if values.dtype.kind in "iu" and values.max() > 1 else 1.0
-    return np.asarray(values >= top / 2)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from intaglio.cli.options import Numbers, common, image_size, known_suffix, render_on
+from intaglio.cli.options import Numbers, common, grouped, image_size, known_suffix, render_on
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import IMAGE_SUFFIXES, READABLE_SUFFIXES, check_folder, check_readable, check_writable, write_image
@@ -33,34 +34,38 @@ from intaglio.photometric import represent as represent_stack
 from intaglio.progress import ProgressBar
 
 
-def stack_options(command: Any) -> Any:
-    """Add the options of reading a stack."""
-    options = [
-        click.option("--response", default=None, help="linear, srgb or a gamma; default: 8 bits sRGB, others linear."),
-        click.option("--mask", type=click.Path(path_type=Path), default=None, help="Image of the pixels to use."),
-        click.option("--sphere", type=click.Path(path_type=Path), default=None, help="Folder of mirror sphere pictures."),
-        click.option("--circle", type=Numbers(3), default=None, help="x,y,radius of the sphere in its pictures, in pixels."),
-        click.option("--grey", is_flag=True, help="Take the mean of the channels."),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
+@dataclass(frozen=True)
+class StackReading:
+    """How a stack of photographs is read; see `intaglio.read_stack`."""
+
+    response: str | None
+    mask: Path | None
+    sphere: Path | None
+    circle: tuple[float, float, float] | None
+    grey: bool
+
+    def read(self, capture: Path) -> PhotometricStack:
+        """Return the stack that ``capture`` names."""
+        try:
+            curve = self.response if self.response in (None, "linear", "srgb") else float(str(self.response))
+        except ValueError:
+            raise InputError(f"--response {self.response!r} is not known; give linear, srgb or a gamma such as 2.2") from None
+        return read_stack(capture, curve, mask=self.mask, sphere=self.sphere, circle=self.circle, grey=self.grey)
+
+    def inputs(self, capture: Path, stack: PhotometricStack) -> list[Path]:
+        """Return the files that the stack was read from."""
+        return [capture, *map(Path, stack.names), *([self.mask] if self.mask is not None else [])]
 
 
-def read_capture(
-    capture: Path,
-    response: str | None,
-    mask: Path | None,
-    sphere: Path | None,
-    circle: tuple[float, float, float] | None,
-    grey: bool,
-) -> PhotometricStack:
-    """Read a stack by the options of `stack_options`."""
-    try:
-        curve: str | float | None = response if response in (None, "linear", "srgb") else float(str(response))
-    except ValueError:
-        raise InputError(f"--response {response!r} is not known; give linear, srgb or a gamma such as 2.2") from None
-    return read_stack(capture, curve, mask=mask, sphere=sphere, circle=circle, grey=grey)
+stack_options = grouped(
+    "reading",
+    StackReading,
+    click.option("--response", default=None, help="linear, srgb or a gamma; default: 8 bits sRGB, others linear."),
+    click.option("--mask", type=click.Path(path_type=Path), default=None, help="Image of the pixels to use."),
+    click.option("--sphere", type=click.Path(path_type=Path), default=None, help="Folder of mirror sphere pictures."),
+    click.option("--circle", type=Numbers(3), default=None, help="x,y,radius of the sphere in its pictures, in pixels."),
+    click.option("--grey", is_flag=True, help="Take the mean of the channels."),
+)
 
 
 def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
@@ -93,11 +98,7 @@ def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
 def represent(
     capture: Path,
     output: Path,
-    response: str | None,
-    mask: Path | None,
-    sphere: Path | None,
-    circle: tuple[float, float, float] | None,
-    grey: bool,
+    reading: StackReading,
     maps: Path | None,
     tiles: bool,
     seed: int,
@@ -111,8 +112,8 @@ def represent(
     if maps is not None:
         check_folder(maps)
     start = time.perf_counter()
-    stack = read_capture(capture, response, mask, sphere, circle, grey)
-    inputs = [capture, *map(Path, stack.names), *([mask] if mask is not None else [])]
+    stack = reading.read(capture)
+    inputs = reading.inputs(capture, stack)
     check_writable(output, inputs=tuple(inputs))
     spare_inputs(inputs, output, maps)
     with ProgressBar("fitting") as bar:
@@ -215,7 +216,7 @@ def relight(
     click.echo(f"wrote {output}: {width} x {height} pixels")
 
 
-@click.command(epilog="Example: intaglio assess capture.lp -o kinds.html")
+@click.command(epilog="Example: intaglio assess capture capture.lp -o kinds.html")
 @click.argument("capture", type=click.Path(path_type=Path))
 @click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="HTML report with plots and pictures.")
 @click.option("--kinds", default=",".join(KINDS), show_default=True, help="Comma-separated kinds.")
@@ -225,16 +226,12 @@ def relight(
 @click.option("--robust", is_flag=True, help="Fit gradient and height robustly.")
 @stack_options
 @common
-def assess(
+def assess_capture(
     capture: Path,
     output: Path | None,
     kinds: str,
     leave_one_out: bool,
-    response: str | None,
-    mask: Path | None,
-    sphere: Path | None,
-    circle: tuple[float, float, float] | None,
-    grey: bool,
+    reading: StackReading,
     robust: bool,
     seed: int,
     device: str | None,
@@ -252,7 +249,7 @@ def assess(
     if output is not None:
         known_suffix(output, (".html", ".htm"), "report")
         check_writable(output, inputs=(capture,))
-    stack = read_capture(capture, response, mask, sphere, circle, grey)
+    stack = reading.read(capture)
     with ProgressBar("fitting kinds") as bar:
         reasons: list[str] = []
         found = assess_kinds(

@@ -183,7 +183,7 @@ def synthesize(
     of the same names in a folder. A relightable texture (.exr, .ptm), or photographs under known lights (an .lp file, a
     lights.csv, or their folder), give a relightable texture.
     """
-    width, height = image_size(size)
+    height, width = image_size(size)
     for other in set(_OWN) - {method}:
         for name in _OWN[other]:
             if was_given(name):

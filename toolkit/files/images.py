@@ -21,25 +21,48 @@ READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".tga", ".bmp")
 
 
 def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
-    """Read an image as linear float32.
+    """Read an image as linear float32 values.
 
     Parameters
     ----------
     path : path
-        PNG, JPEG, TIFF, TGA or BMP with 8 or 16 bits (or a float TIFF), or EXR.
+        PNG, JPEG, TIFF, TGA or BMP with 8 or 16 bits per channel (or a float TIFF), or EXR; the suffix decides.
     linear : bool, optional
-        Whether the stored values are linear already. Default: 8 bits are decoded from sRGB; 16 bits and floats are taken as
-        they are, integers scaled to [0, 1].
+        Whether the stored values are linear already. Default None: 8-bit values are decoded from sRGB, as cameras and
+        paint programs store them; 16-bit and float values are taken as linear. Integers are scaled to [0, 1] either way.
 
     Returns
     -------
     (H, W) or (H, W, C) float32 array
-        Row 0 is the top. C is 3, or 4 with alpha (never decoded); an EXR gives R, G, B(, A) or its single channel.
+        Linear values; row 0 is the top. A grey image is (H, W). C is 3, or 4 with alpha, which is never decoded; an EXR
+        gives its R, G, B and A, or its single channel.
 
     Raises
     ------
     FileError
-        If the file is missing, damaged, or of no known kind.
+        If the file is missing, empty or damaged, its suffix is unknown or its content of another type, a TIFF has several
+        pages, or an EXR has neither R, G, B nor a single channel.
+
+    See Also
+    --------
+    intaglio.read_exr : All channels of an EXR, by name.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> ramp = np.linspace(0, 1, 5)[None, :] * np.ones((2, 1))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     intaglio.write_image(ramp, f"{folder}/ramp.png")
+    ...     decoded = intaglio.read_image(f"{folder}/ramp.png")
+    ...     stored = intaglio.read_image(f"{folder}/ramp.png", linear=True)
+    >>> decoded.shape, decoded.dtype
+    ((2, 5), dtype('float32'))
+    >>> decoded[0].round(2)
+    array([0.  , 0.25, 0.5 , 0.75, 1.  ], dtype=float32)
+    >>> stored[0].round(2)
+    array([0.  , 0.54, 0.74, 0.88, 1.  ], dtype=float32)
     """
     raw = read_samples(path)
     if linear is None:
@@ -61,7 +84,17 @@ def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
 
 
 def read_samples(path: PathLike) -> Array:
-    """Read an image's samples as they are stored: (H, W) or (H, W, C), integers or floats.
+    """Read an image's samples as they are stored.
+
+    Parameters
+    ----------
+    path : path
+        An image of any type that `read_image` knows.
+
+    Returns
+    -------
+    (H, W) or (H, W, C) array
+        Integers or floats, of the type that the file holds; row 0 is the top.
 
     Raises
     ------
@@ -77,7 +110,7 @@ def read_samples(path: PathLike) -> Array:
     except FileError:
         raise
     except Exception as error:
-        raise FileError(f"{path}: is no readable {path.suffix[1:].upper()} image ({error})") from error
+        raise FileError(f"{path}: can't be read as a {path.suffix[1:].upper()} image ({error})") from error
     if raw.ndim not in (2, 3) or raw.size == 0 or (raw.ndim == 3 and raw.shape[2] > 4):
         raise FileError(f"{path}: has shape {raw.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
     if raw.ndim == 3 and raw.shape[2] == 1:
@@ -86,27 +119,46 @@ def read_samples(path: PathLike) -> Array:
 
 
 def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | None = None, quality: int = 95) -> None:
-    """Write a linear image.
+    """Write linear values to an image file.
 
     Parameters
     ----------
-    image : (H, W) or (H, W, C) array
-        Linear values; clipped to [0, 1] in all but EXR.
+    image : (H, W) or (H, W, C) float array
+        Linear values with C = 1, 3 or 4 channels; clipped to [0, 1] in all types but EXR. Row 0 is the top, a fourth
+        channel is alpha.
     path : path
-        The suffix decides: .png, .jpg, .jpeg, .tif, .tiff, .exr.
-    bits : {8, 16}
-        Of PNG and TIFF. JPEG has 8, EXR 32-bit floats.
+        The file; its suffix decides the type: .png, .jpg, .jpeg, .tif, .tiff, .exr. It appears whole, or stays as it was.
+    bits : {8, 16}, optional
+        Bits per channel of PNG and TIFF. Default 8, which every viewer shows; JPEG always has 8, and EXR 32-bit floats.
     linear : bool, optional
-        Store the linear values as they are. Default: 8 bits are encoded to sRGB, everything else is stored linear.
-    quality : int
-        Of JPEG.
+        Store the linear values as they are instead of encoding them to sRGB. Default None: 8-bit images are encoded, as
+        viewers expect, all others are stored linear, as programs that read maps and heights expect.
+    quality : int, optional
+        Quality of JPEG from 1 to 95. Default 95, at which blocks can't be seen.
 
     Raises
     ------
     InputError
-        For a shape that is no image, values that are not finite, or bits that the type does not have.
+        For a shape that is no image, integers, values that are not finite, or bits that the type does not have.
     FileError
-        If the file can't be written.
+        If the suffix is unknown or the file can't be written.
+
+    See Also
+    --------
+    intaglio.write_exr : Named channels and a header.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> height = np.array([[0.0, 0.25], [0.5, 1.0]])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = f"{folder}/height.png"
+    ...     intaglio.write_image(height, path, bits=16)
+    ...     back = intaglio.read_image(path)
+    >>> np.allclose(back, height, atol=1 / 65535)
+    True
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -120,7 +172,7 @@ def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | N
     except (TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: the image is no array of numbers ({error})") from error
+        raise InputError(f"{path}: the image is not an array of numbers ({error})") from error
     if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
         raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {image.shape}")
     if not (np.abs(image) <= float(np.finfo(np.float32).max)).all():
@@ -133,7 +185,7 @@ def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | N
     if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
         raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")
     if bits not in (8, 16) or (bits == 16 and kind in (".jpg", ".jpeg")):
-        raise InputError(f"{path}: {bits} bits are not to be had in {kind}; PNG and TIFF have 8 or 16, JPEG 8")
+        raise InputError(f"{path}: {kind} does not support {bits} bits; PNG and TIFF support 8 or 16, JPEG 8")
     if linear is None:
         linear = bits == 16
     values = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
@@ -145,7 +197,17 @@ def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | N
 
 
 def write_samples(samples: Array, path: PathLike, *, quality: int = 95) -> None:
-    """Write an image's samples as they are, what `read_samples` gives; JPEG, which loses bits, takes 8-bit ones.
+    """Write an image's samples as they are.
+
+    Parameters
+    ----------
+    samples : (H, W) or (H, W, C) array
+        What `read_samples` returns. PNG and TIFF hold 8- and 16-bit integers, JPEG 8-bit ones; EXR holds linear floats,
+        for which 8-bit samples are decoded from sRGB.
+    path : path
+        The file; its suffix decides the type.
+    quality : int, optional
+        Quality of JPEG from 1 to 95. Default 95.
 
     Raises
     ------
@@ -186,7 +248,7 @@ def _write_levels(stored: Array, path: Path, quality: int) -> None:
             photometric = "rgb" if stored.ndim == 3 else "minisblack"
             tifffile.imwrite(beside, stored, photometric=photometric)
         elif stored.dtype == np.uint16:
-            # Pillow has no 16-bit colour; it would write 8 bits without a word.
+            # Pillow does not support 16-bit colour and would silently write 8 bits.
             try:
                 mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))
             except RuntimeError as error:
@@ -204,37 +266,37 @@ def _read_png(path: Path) -> Array:
     with open(path, "rb") as file:
         head = file.read(26)
     if head[:8] != b"\x89PNG\r\n\x1a\n":
-        raise FileError(f"{path}: its content is not PNG, whatever its name says")
+        raise FileError(f"{path}: is named .png, but its content is not PNG")
     if head[24] == 16:
-        # Pillow reads 16-bit colour as 8 bits without a word.
+        # Pillow silently reads 16-bit colour as 8 bits.
         return np.asarray(mitsuba().Bitmap(str(path)))
-    with _opened(path, "PNG") as image:
+    with _open_checked(path, "PNG") as image:
         has_alpha = "A" in image.mode or "transparency" in image.info
         grey = image.mode in ("1", "L", "LA") and not has_alpha
         return np.asarray(image.convert("L" if grey else "RGBA" if has_alpha else "RGB"))
 
 
 def _read_jpeg(path: Path) -> Array:
-    with _opened(path, "JPEG") as image:
+    with _open_checked(path, "JPEG") as image:
         return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
 
 
 def _read_by_pillow(path: Path) -> Array:
-    with _opened(path, path.suffix[1:].upper()) as image:
+    with _open_checked(path, path.suffix[1:].upper()) as image:
         has_alpha = "A" in image.mode
         return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGBA" if has_alpha else "RGB"))
 
 
 @contextmanager
-def _opened(path: Path, kind: str) -> Iterator[Any]:
-    """Open an image with Pillow, of any size, if its content is what its name says."""
+def _open_checked(path: Path, kind: str) -> Iterator[Any]:
+    """Open an image with Pillow, without its limit of size, if the content is of the type that the name says."""
     from PIL import Image
 
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path) as image:
             if image.format not in (kind, "MPO" if kind == "JPEG" else kind):
-                raise FileError(f"{path}: its content is {image.format}, not {kind} as its name says")
+                raise FileError(f"{path}: is named {path.suffix}, but its content is {image.format}, not {kind}")
             yield image
     finally:
         Image.MAX_IMAGE_PIXELS = limit

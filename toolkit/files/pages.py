@@ -1,4 +1,4 @@
-"""Reports: one HTML file each, with pictures and plots inlined, that works offline."""
+"""Pages of reports: one HTML file each, with pictures and plots inside, so that it works offline."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ border-bottom:1px solid #eee;vertical-align:top}th{font-weight:600}li{margin:.15
 
 
 def write_page(path: PathLike, title: str, body: Sequence[str]) -> None:
-    """Write a page of a heading and the HTML of ``body``."""
+    """Write a page with the heading ``title`` and the pieces of HTML in ``body``."""
     page = (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head>'
@@ -35,7 +35,7 @@ def write_page(path: PathLike, title: str, body: Sequence[str]) -> None:
 
 
 def picture_row(heading: str, pictures: Mapping[str, Array]) -> str:
-    """Return a heading over linear pictures (H, W, 1 or 3), side by side with their names."""
+    """Return the HTML of a heading and, side by side, linear pictures (H, W, 1 or 3) with their names."""
     figures = "".join(
         f'<figure><img alt="{html.escape(heading)}, {html.escape(name)}" src="{inline_image(image)}">'
         f"<figcaption>{html.escape(name)}</figcaption></figure>"
@@ -45,12 +45,12 @@ def picture_row(heading: str, pictures: Mapping[str, Array]) -> str:
 
 
 def listing(heading: str, lines: Iterable[str]) -> str:
-    """Return a heading over a list."""
+    """Return the HTML of a heading and a list of ``lines``."""
     return f"<h2>{html.escape(heading)}</h2><ul>" + "".join(f"<li>{html.escape(x)}</li>" for x in lines) + "</ul>"
 
 
 def table(heading: str, names: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a heading over a table."""
+    """Return the HTML of a heading and a table with columns ``names``."""
     head = "".join(f"<th>{html.escape(n)}</th>" for n in names)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(c)}</td>" for c in row) + "</tr>" for row in rows)
     return f"<h2>{html.escape(heading)}</h2><table><tr>{head}</tr>{body}</table>"

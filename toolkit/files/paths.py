@@ -32,12 +32,12 @@ def check_readable(path: PathLike) -> Path:
 
 
 def check_writable(path: PathLike, *, inputs: tuple[PathLike, ...] = ()) -> Path:
-    """Return ``path`` as a Path, or raise `FileError` if it can't be written; to be asked before the work, not after it.
+    """Return ``path`` as a Path, or raise `FileError` if it can't be written: called before the work, not after it.
 
     Parameters
     ----------
     path : path
-        The output to come; its folder must exist.
+        The file that will be written; its folder must exist.
     inputs : tuple of path
         Files that must not be overwritten.
     """
@@ -66,14 +66,14 @@ def check_writable(path: PathLike, *, inputs: tuple[PathLike, ...] = ()) -> Path
 
 
 def _give_usual_permissions(path: Path) -> None:
-    """Set what a new file or folder would have; temporary ones are made for their owner alone."""
+    """Set the permissions of an ordinary new file or folder; temporary ones are readable by their owner only."""
     umask = os.umask(0)
     os.umask(umask)
     os.chmod(path, (0o777 if path.is_dir() else 0o666) & ~umask)
 
 
 def check_folder(path: PathLike) -> Path:
-    """Return ``path`` as a Path, or raise `FileError` if it is no folder that can be written to, and can't be made one."""
+    """Return ``path`` as a Path, or raise `FileError` if it is neither a writable folder nor can become one."""
     path = Path(path)
     if path.exists() and not path.is_dir():
         raise FileError(f"{path}: is a file; give a folder")
@@ -90,14 +90,14 @@ def check_folder(path: PathLike) -> Path:
 
 @contextmanager
 def whole_folder(folder: PathLike) -> Iterator[Path]:
-    """Give an empty folder inside ``folder`` to write to; what it holds takes its places at the end, all or nothing.
+    """Give an empty temporary folder inside ``folder`` whose content is moved into ``folder`` at the end, all or nothing.
 
     Files and folders of the same names are replaced, others stay.
 
     Raises
     ------
     FileError
-        If ``folder`` can't be made or written to, a name is taken by something of another sort, or writing fails.
+        If ``folder`` can't be made or written to, a file would replace a folder or the other way round, or writing fails.
     """
     folder = Path(folder)
     try:
@@ -113,7 +113,7 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
         for path in made:
             target = folder / path.name
             if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
-                raise FileError(f"{target}: is in the way, and no {'folder' if path.is_dir() else 'file'}; move it")
+                raise FileError(f"{target}: is in the way and not a {'folder' if path.is_dir() else 'file'}; move it elsewhere")
         for path in made:
             _give_usual_permissions(path)
             target = folder / path.name
@@ -130,12 +130,12 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
 
 @contextmanager
 def whole_file(path: PathLike) -> Iterator[Path]:
-    """Give a path beside ``path`` to write to; renamed to ``path`` at the end, removed if anything goes wrong.
+    """Give a temporary path beside ``path``, which is renamed to ``path`` at the end, or removed if anything fails.
 
     Raises
     ------
     FileError
-        If writing fails (disk full, folder gone); ``path`` is then as it was.
+        If writing fails, as on a full disk; ``path`` is then as it was.
     """
     path = Path(path)
     check_writable(path)

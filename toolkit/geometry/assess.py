@@ -153,7 +153,7 @@ def nearest_distances(tree: cKDTree) -> Array:
     return np.asarray(distance[:, 1])
 
 
-def pieces_of(points: PointSet, reach: float) -> Array:
+def label_pieces(points: PointSet, reach: float) -> Array:
     """Return the connected piece of each point (N,): neighbours within ``reach`` whose normals agree are joined.
 
     Two threads that touch face each other there, so they stay apart.

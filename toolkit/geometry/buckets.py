@@ -69,7 +69,7 @@ class Buckets:
                 parts = self._buckets.get(key)
                 if parts is None:
                     continue
-                part = self._joined(key, parts)
+                part = self._join_parts(key, parts)
                 if not self._covered(key, begin, end):
                     part = part[within(part["point"], begin, end)]
                 if shift.any():
@@ -88,7 +88,7 @@ class Buckets:
                 if self._covered(key, begin, end):
                     del self._buckets[key]
                     continue
-                part = self._joined(key, parts)
+                part = self._join_parts(key, parts)
                 self._buckets[key] = [part[~within(part["point"], begin, end)]]
 
     def everything(self) -> Array:
@@ -96,7 +96,7 @@ class Buckets:
         parts = [part for key in sorted(self._buckets) for part in self._buckets[key]]
         return np.concatenate(parts) if parts else np.empty(0, RECORD)
 
-    def _joined(self, key: tuple[int, int], parts: list[Array]) -> Array:
+    def _join_parts(self, key: tuple[int, int], parts: list[Array]) -> Array:
         if len(parts) > 1:
             self._buckets[key] = parts = [np.concatenate(parts)]
         return parts[0]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_count, checked_number
+from intaglio.checks import checked_count, checked_flag, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.geometry.buckets import wrap
 from intaglio.geometry.growth import Growth
 from intaglio.geometry.layout import lay_out
-from intaglio.geometry.options import PairingWeights, Settings, checked_weights, one_or_two, suited_weights
+from intaglio.geometry.options import PatchFit, Settings, checked_pair, checked_weights, suited_weights
 from intaglio.geometry.point_set import GeometryTexture, PointSet
 from intaglio.geometry.spreading import spread
 from intaglio.geometry.swatch import Swatch
@@ -34,95 +34,102 @@ def extend_geometry(
     cell: float | None = None,
     tolerance: float = 0.1,
     max_error: float | None = None,
-    weights: PairingWeights | str = "auto",
-    pairs: int = 110,
-    rounds: int = 1,
-    smoothing: float = 1e-3,
-    warp: bool = True,
-    blend: bool = True,
+    fit: PatchFit | None = None,
     relax: int = 3,
-    toroidal: bool = False,
+    tileable: bool = False,
     seed: int = 0,
     device: str | None = None,
     progress: Progress | None = None,
 ) -> PointSet:
     """Make a large piece of a geometry texture from a swatch, patch by patch.
 
-    In scan-line order each patch is searched by the distance of signed distance fields where it overlaps what is there
-    (section 5.1), warped by a thin-plate spline through automatically paired points (5.2), blended by projection (5.3), and
-    put in the place of what was there. Patches that can't see each other are worked on together; the result is that of one
-    after the other. A toroidal output is laid one patch after the other.
+    The patches are laid in scan-line order. Each is searched by the distance of signed distance fields where it overlaps what
+    is already there (section 5.1), warped by a thin-plate spline through automatically paired points (section 5.2), blended by
+    projection (section 5.3), and replaces what was there. Patches that are too far apart to influence each other are processed
+    together; the result is the same as one after the other. The patches of a tileable output are laid one after the other.
 
     Parameters
     ----------
     texture : GeometryTexture
-        Should reach past its bounds by ``extra`` on all sides of the plane; where it does not, the bounds shrink.
+        The swatch. It should reach past its bounds by ``extra`` on all sides of the plane; if it does not, the bounds shrink.
     size : float or (float, float)
         Sides of the output along the two plane axes (`GeometryTexture.plane_axes`), in the swatch's unit.
     patch : float or (float, float), optional
-        Sides of a patch: at least one texture element and some of its surroundings. Default: a third of the shorter side.
+        Sides of a patch in the swatch's unit; it should hold at least one element of the texture and some of its surroundings.
+        Default None: a third of the swatch's shorter side.
     overlap : float, optional
-        Least overlap of neighbouring patches; at most half a patch. Default: 0.28 of a patch.
+        Least overlap of neighbouring patches in the swatch's unit, at most half a patch. Default None: 0.28 of a patch.
     extra : float, optional
-        Width w_E of the region copied beyond a patch, and of the border cut off at the end. Default: a quarter of a patch.
+        Width w_E of the region copied beyond a patch, and of the border cut off at the end, in the swatch's unit, at most a
+        patch. Default None: a quarter of a patch.
     cell : float, optional
-        Distance of the field's nodes, and step of the positions that are searched. Default: a sixteenth of a patch, at least
-        the distance of samples.
-    tolerance : float
-        ε: a patch is drawn from those within (1 + ε) of the least distance.
+        Distance between the nodes of the field, and step of the positions that are searched, in the swatch's unit. Default
+        None: a sixteenth of a patch, at least the distance of samples.
+    tolerance : float, optional
+        ε: a patch is drawn from those whose distance is at most (1 + ε) times the least; at least 0.
     max_error : float, optional
-        A patch whose best distance, as the root mean square of a node's (half the height and a unit gradient count 1), is
-        above this has no candidate: four of half the size are put in its place, and where these fail the best is taken and
-        its place noted. Default: no limit.
-    weights : PairingWeights or str
-        A preset of the paper's Table 1 ("height field", "chain mail", "weave", "flowers"), or "auto": the first for a height
-        field, else the second.
-    pairs : int
-        About how many points of an overlap are paired.
-    rounds : int
-        Rounds of pairing with the coherence term.
-    smoothing : float
-        Regularisation λ of the splines, over the spread of their centres: tiny; 0.1 and more leaves gaps to blending.
-    warp, blend : bool
-        Leave these steps out, for comparison.
-    relax : int
-        Rounds of spreading at the end: gaps are filled and crowded points pushed apart. 0: points stay as copied.
-    toroidal : bool
-        The output closes on itself: it tiles without a seam.
-    seed : int
+        A patch has no candidate if its least distance is above this: the root mean square over the nodes, with distances in
+        units of half the height and gradients of unit length. It is replaced by four of half the size; if these have none
+        either, the best is taken and a note says where. Default None: no limit.
+    fit : PatchFit, optional
+        How patches are fitted to what is there. Default None: ``PatchFit()``.
+    relax : int, optional
+        Rounds of spreading at the end, 0 to 100: gaps are filled and crowded points pushed apart. 0 leaves the points as
+        copied.
+    tileable : bool, optional
+        Make an output that repeats without a seam. Default False, since most outputs are not repeated.
+    seed : int, optional
+        The same seed gives the same bits.
     device : str, optional
+        ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with patches laid and all patches.
+        Called with the patches laid and all patches.
 
     Returns
     -------
     PointSet
-        From 0 to ``size`` in the plane, at the swatch's heights; ``source`` is the swatch point each was copied from,
-        ``moved`` how far warp and blending moved it from where copying had put it, and spreading after them, ``patch`` what
-        laid it.
+        From 0 to ``size`` in the plane, at the swatch's heights. ``source`` is the point of the swatch that each was copied
+        from, ``moved`` how far warp, blending and spreading moved it, ``patch`` the number of the patch that laid it.
 
     Raises
     ------
     InputError
-        If the swatch is smaller than a patch, an overlap or setting is out of range, a toroidal output is too small to
+        If the swatch is smaller than a patch, an overlap or setting is out of range, a tileable output is too small to
         close, or the output would be too large.
+
+    See Also
+    --------
+    intaglio.read_geometry_texture : Reads a swatch.
+    intaglio.mesh_geometry, intaglio.wrap_geometry : What can be made of the result.
 
     References
     ----------
-    Duranleau & Poulin, *Patch-based Synthesis of Geometry Textures with Point-set Surfaces*, sections 4 and 5. Beyond the
-    paper: averages are corrected for bending (`intaglio.kernels.points`), so that blending does not thin wires; pairs end on
-    the surface instead of on its samples; geometry without a counterpart is cut in the middle of the overlap instead of at
-    the box; anchors follow the pairs' mean move.
+    Duranleau & Poulin, "Patch-based Synthesis of Geometry Textures with Point-set Surfaces", sections 4 and 5. Additions:
+    averages are corrected for bending (`intaglio.kernels.points`), so that blending does not thin wires; pairs end on the
+    surface instead of on its samples; geometry without a counterpart is cut in the middle of the overlap instead of at the
+    box; anchors follow the mean move of the pairs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:32, :32]
+    >>> swatch = intaglio.geometry_from_height(np.sin(x / 2) + np.cos(y / 2))
+    >>> larger = intaglio.extend_geometry(swatch, (40, 36), 12, device="cpu")
+    >>> low, high = larger.points.min(axis=0)[:2], larger.points.max(axis=0)[:2]
+    >>> bool((low >= 0).all() and (high < [40, 36]).all() and len(larger) > 1000)
+    True
     """
     device = device_or_error(device)
     seed = checked_seed(seed)
     if not isinstance(texture, GeometryTexture):
         raise InputError(f"texture must be a GeometryTexture (see read_geometry_texture), not {type(texture).__name__}")
-    for name, value in (("toroidal", toroidal), ("warp", warp), ("blend", blend)):
-        if not isinstance(value, bool | np.bool_):
-            raise InputError(f"{name} must be True or False, not {value!r}")
-    wanted = one_or_two(size, "size")
-    sides = np.full(2, texture.base.min() / 3) if patch is None else one_or_two(patch, "patch")
+    fit = PatchFit() if fit is None else fit
+    if not isinstance(fit, PatchFit):
+        raise InputError(f"fit must be a PatchFit, not {fit!r}")
+    tileable = checked_flag("tileable", tileable)
+    wanted = checked_pair("size", size)
+    sides = np.full(2, texture.base.min() / 3) if patch is None else checked_pair("patch", patch)
     shorter, longer = float(sides.min()), texture.base
     if (sides > longer).any():
         raise InputError(
@@ -136,7 +143,7 @@ def extend_geometry(
     overlap = checked_number("overlap", 0.28 * shorter if overlap is None else overlap, texture.spacing, shorter / 2)
     extra = checked_number("extra", shorter / 4 if extra is None else extra, 0, shorter)
     step = max(shorter / 16, texture.spacing) if cell is None else checked_number("cell", cell, texture.spacing / 4, overlap)
-    chosen, note = checked_weights(weights), None
+    chosen, note = checked_weights("weights", fit.weights), None
     if chosen is None:
         name, chosen = suited_weights(texture)
         note = f"pairing weights: those of {name}"
@@ -149,11 +156,7 @@ def extend_geometry(
         tolerance=checked_number("tolerance", tolerance, 0),
         max_error=np.inf if max_error is None else checked_number("max_error", max_error, 0),
         weights=chosen,
-        pairs=checked_count("pairs", pairs, 8, 1000),
-        rounds=checked_count("rounds", rounds, 0, 100),
-        smoothing=checked_number("smoothing", smoothing, 1e-9, 1e3),
-        warp=warp,
-        blend=blend,
+        fit=fit,
     )
     _check_amount(texture, wanted, step)
     swatch = Swatch(texture, extra, device)
@@ -163,12 +166,12 @@ def extend_geometry(
             "kept as padding on every side; give a smaller patch or extra, or a larger swatch"
         )
     margin = max(extra, 2 * swatch.support)
-    if toroidal and (wanted < sides + 2 * (extra + margin)).any():
+    if tileable and (wanted < sides + 2 * (extra + margin)).any():
         raise InputError(
             f"size {_sides(wanted)} is too small to close on itself with patches of {_sides(sides)}: at least "
             f"{_sides(sides + 2 * (extra + margin))} is needed"
         )
-    layout = lay_out(wanted, sides, overlap, extra, margin, toroidal=toroidal)
+    layout = lay_out(wanted, sides, overlap, extra, margin, tileable=tileable)
     growth = Growth(swatch, layout, settings, margin, seed)
     growth.grow(progress)
     records = spread(
@@ -197,7 +200,7 @@ def _check_amount(texture: GeometryTexture, size: Array, cell: float) -> None:
     if count > _MOST_POINTS:
         raise InputError(
             f"size {_sides(size)} would take about {count:.3g} points, more than {_MOST_POINTS:.0e}; give a smaller size, "
-            "make a toroidal piece and repeat it, or thin the swatch (spacing)"
+            "make a tileable piece and repeat it, or thin the swatch (spacing)"
         )
     nodes = float(np.prod(texture.base / cell + 1)) * (texture.height / cell + 2)
     if nodes > _MOST_NODES:

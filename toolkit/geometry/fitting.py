@@ -51,7 +51,7 @@ class PatchFitter:
             radius=settings.overlap / 2,
         )
 
-    def fitted(
+    def fit(
         self, places: list[PatchPlace], begins: list[Array], old: list[Array], surface: PointSurface, new: list[Array]
     ) -> list[Array]:
         """Return the records that take the place of each patch's box.
@@ -68,30 +68,30 @@ class PatchFitter:
         """
         group = np.repeat(np.arange(len(places)), [len(r) for r in new])
         together = np.concatenate(new)
-        if self.settings.warp:
-            paired = self._paired(places, begins, old)
+        if self.settings.fit.warp:
+            paired = self._pair(places, begins, old)
             # What no pair's move could bring into the box need not be warped.
             farthest = [float(np.linalg.norm(t - s, axis=1).max(initial=0)) for s, t in paired]
             near = self._near_box(places, together["point"], group, np.array(farthest) + self.swatch.spacing)
             together, group = together[near], group[near]
             copied = together["point"].copy()
-            together = self._splined(places, paired, together, group)
+            together = self._warp(places, paired, together, group)
         else:
             copied = together["point"].copy()
         near = self._near_box(places, together["point"], group, np.full(len(places), self.swatch.spacing))
         together, group, copied = together[near], group[near], copied[near]
         keep = np.ones(len(together), bool)
         kept = [np.empty(0, RECORD)] * len(places)
-        if self.settings.blend:
+        if self.settings.fit.blend:
             keep, kept = self._blend(places, old, surface, together, group)
         together["moved"] = np.linalg.norm(together["point"] - copied, axis=1)
         return [np.concatenate([together[keep & (group == b)], kept[b]]) for b in range(len(places))]
 
-    def _paired(self, places: list[PatchPlace], begins: list[Array], old: list[Array]) -> list[tuple[Array, Array]]:
+    def _pair(self, places: list[PatchPlace], begins: list[Array], old: list[Array]) -> list[tuple[Array, Array]]:
         """Return sources and targets of each patch's pairs, from its lower left corner."""
         targets = self._targets(places, begins, old)
         records = self.swatch.records
-        chosen = pair_points(self.swatch.surface, records["variation"], targets, self._costs, self.settings.rounds)
+        chosen = pair_points(self.swatch.surface, records["variation"], targets, self._costs, self.settings.fit.rounds)
         paired = np.flatnonzero(chosen >= 0)
         group = np.repeat(np.arange(len(places)), np.diff(targets.first))[paired]
         source, target = records["point"][chosen[paired]], targets.points[paired].astype(np.float64)
@@ -111,7 +111,7 @@ class PatchFitter:
         parts = [r[p.overlapping(r["point"][:, 0], r["point"][:, 1])] for p, r in zip(places, old, strict=True)]
         counts = np.array([len(part) for part in parts])
         together, group = np.concatenate(parts), np.repeat(np.arange(len(places)), counts)
-        largest = np.ceil(2 * counts / self.settings.pairs)
+        largest = np.ceil(2 * counts / self.settings.fit.pairs)
         chosen = cluster(together["point"], group, largest=largest, smallest=np.ceil(largest / 3), flatness=_FLATNESS)
         first = np.searchsorted(group[chosen], np.arange(len(places) + 1))
         picked = together[chosen]
@@ -119,13 +119,13 @@ class PatchFitter:
         point[:, :2] += np.array(begins)[group[chosen]]
         return Targets(point, picked["normal"], picked["variation"], first)
 
-    def _splined(self, places: list[PatchPlace], paired: list[tuple[Array, Array]], new: Array, group: Array) -> Array:
+    def _warp(self, places: list[PatchPlace], paired: list[tuple[Array, Array]], new: Array, group: Array) -> Array:
         """Warp ``new`` by the splines of the pairs; where that would fold the surface, by those of fewer pairs."""
         todo = np.arange(len(places))
         out = new.copy()
         for attempt in range(_HALVINGS + 2):
-            ends = [self._with_anchors(places[b], *paired[b]) for b in todo]
-            splines = solve_splines([e[0] for e in ends], [e[1] for e in ends], self.settings.smoothing)
+            ends = [self._add_anchors(places[b], *paired[b]) for b in todo]
+            splines = solve_splines([e[0] for e in ends], [e[1] for e in ends], self.settings.fit.smoothing)
             turn = np.full(len(places), -1)
             turn[todo] = np.arange(len(todo))
             mine = np.flatnonzero(turn[group] >= 0)
@@ -147,7 +147,7 @@ class PatchFitter:
                 paired[b] = sources[keep], targets[keep]
         return out
 
-    def _with_anchors(self, place: PatchPlace, sources: Array, targets: Array) -> tuple[Array, Array]:
+    def _add_anchors(self, place: PatchPlace, sources: Array, targets: Array) -> tuple[Array, Array]:
         """Return the pairs, with pairs that hold the free corners where the overlap's mean move puts them.
 
         The paper's corners map to themselves; with patches found to the nearest node that would stretch every patch by up
@@ -187,7 +187,7 @@ class PatchFitter:
         keep = np.ones(len(new), bool)
         lost = touched[~feet.found]
         keep[lost] = share[lost] <= 0.5
-        kept = self._unmatched(places, old, new, group, reach)
+        kept = self._find_unmatched(places, old, new, group, reach)
         touched, point, normal = touched[feet.found], feet.points[feet.found], feet.normals[feet.found]
         t = share[touched, None]
         new["point"][touched] += t * (point - new["point"][touched])
@@ -195,7 +195,7 @@ class PatchFitter:
         new["normal"][touched] = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
         return keep, kept
 
-    def _unmatched(self, places: list[PatchPlace], old: list[Array], new: Array, group: Array, reach: float) -> list[Array]:
+    def _find_unmatched(self, places: list[PatchPlace], old: list[Array], new: Array, group: Array, reach: float) -> list[Array]:
         """Return what is there, in the half of the overlap that is nearer to it, and has no counterpart in the patch."""
         warped = PointSurface(new["point"], new["normal"], reach, group=group, device=self.swatch.device)
         asked = []

@@ -87,7 +87,7 @@ class Growth:
             smallest = min(float(p.size.min()) for p in places)
             divide = divide and smallest / 2 >= _FEWEST_NODES * self.settings.cell
             for k in np.flatnonzero(poor):
-                self._tell(places[k], errors[k], divide)
+                self._note_misfit(places[k], errors[k], divide)
             if divide:
                 left = [p for p, bad in zip(places, poor, strict=True) if bad]
                 good = np.flatnonzero(~poor)
@@ -99,7 +99,7 @@ class Growth:
         self._put(places, old, surface, begins)
         return []
 
-    def _tell(self, place: PatchPlace, error: float, divided: bool) -> None:
+    def _note_misfit(self, place: PatchPlace, error: float, divided: bool) -> None:
         """Note where no candidate was found, up to a number that is still read."""
         self._poor += 1
         if self._poor > _TOLD:
@@ -117,7 +117,7 @@ class Growth:
 
     def _put(self, places: list[PatchPlace], old: list[Array], surface: PointSurface, begins: list[Array]) -> None:
         new = [self._copy(place, begin) for place, begin in zip(places, begins, strict=True)]
-        for place, records in zip(places, self._fitter.fitted(places, begins, old, surface, new), strict=True):
+        for place, records in zip(places, self._fitter.fit(places, begins, old, surface, new), strict=True):
             records["point"][:, :2] += place.origin
             self._out.remove(place.low, place.high)
             self._out.add(records[within(records["point"], place.low, place.high)])

@@ -143,7 +143,7 @@ class Layout:
     period: tuple[float | None, float | None]
 
 
-def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: float, *, toroidal: bool) -> Layout:
+def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: float, *, tileable: bool) -> Layout:
     """Return the patches that cover ``size``, evenly spread so that they end where it ends; overlaps are at least ``overlap``.
 
     Parameters
@@ -153,17 +153,17 @@ def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: flo
     overlap : float
         Least overlap of neighbours.
     extra : float
-        Width w_E of the extra region; without ``toroidal`` also of the border that is cut off at the end.
+        Width w_E of the extra region; unless ``tileable``, also of the border that is cut off at the end.
     margin : float
         How far beyond its box a patch looks at what is there.
-    toroidal : bool
+    tileable : bool
         The output closes on itself.
     """
     low, high = np.zeros(2), np.asarray(size, float)
-    begin, length = (low, high) if toroidal else (low - extra, high + 2 * extra)
+    begin, length = (low, high) if tileable else (low - extra, high + 2 * extra)
     counts, steps = [], []
     for axis in range(2):
-        if toroidal:
+        if tileable:
             count = max(1, int(np.ceil(length[axis] / (patch[axis] - overlap) - 1e-9)))
             steps.append(length[axis] / count)
         else:
@@ -177,13 +177,13 @@ def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: flo
         origin = begin + np.array([column, row]) * steps
         overlaps = np.array([over[0] if column else 0.0, over[1] if row else 0.0, 0.0, 0.0])
         extras = np.array([0.0, 0.0, extra, extra])
-        if toroidal:
+        if tileable:
             # Past the period lies what the first column and row laid; nothing of that is replaced but by overlapping it.
             room = length - (origin + patch)
             overlaps[2:] = np.maximum(-room, 0)
             extras = np.array([extra if column == 0 else 0.0, extra if row == 0 else 0.0, *np.clip(room, 0, extra)])
         places.append(PatchPlace(len(places), origin, np.asarray(patch, float), overlaps, extras))
-    period = (float(length[0]), float(length[1])) if toroidal else (None, None)
+    period = (float(length[0]), float(length[1])) if tileable else (None, None)
     levels = _levels(places, (columns, rows), np.array(steps), margin, period)
     return Layout(tuple(places), levels, low, high, period)
 

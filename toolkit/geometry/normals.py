@@ -67,7 +67,7 @@ def estimate_normals(points: Array, axis: int, spacing: float) -> tuple[Array, s
     if is_height_field(points, axis, spacing):
         normals[normals[:, axis] < 0] *= -1
         return normals, "normals were estimated and turned up along the height axis: the swatch is a height field"
-    _hand_on_sides(points, normals, neighbours, axis, spacing)
+    _propagate_sides(points, normals, neighbours, axis, spacing)
     return normals, "normals were estimated and turned from neighbour to neighbour; check that none point inwards"
 
 
@@ -88,7 +88,7 @@ def is_height_field(points: Array, axis: int, spacing: float, normals: Array | N
     return bool(layered.mean() < _LAYERED)
 
 
-def _hand_on_sides(points: Array, normals: Array, neighbours: Array, axis: int, spacing: float) -> None:
+def _propagate_sides(points: Array, normals: Array, neighbours: Array, axis: int, spacing: float) -> None:
     """Turn ``normals`` so that neighbours agree, in place.
 
     Points near another surface are left out at first: sides would be handed on from one thread to the next there.
@@ -123,7 +123,7 @@ def _hand_on_sides(points: Array, normals: Array, neighbours: Array, axis: int, 
     # The convex side of a thread is outside; of a sheet, the side that faces up.
     side = np.where(np.abs(outwards) > _THIN, outwards, np.where(np.abs(up) > 0.3, up, volume))
     normals[side[label] < 0] *= -1
-    _take_over(normals, neighbours, points, (size >= _FEWEST)[label])
+    _adopt_sides(normals, neighbours, points, (size >= _FEWEST)[label])
 
 
 def _turn_along(tree: csr_array, label: Array, normals: Array) -> None:
@@ -147,7 +147,7 @@ def _turn_along(tree: csr_array, label: Array, normals: Array) -> None:
     normals[turned] *= -1
 
 
-def _take_over(normals: Array, neighbours: Array, points: Array, settled: Array) -> None:
+def _adopt_sides(normals: Array, neighbours: Array, points: Array, settled: Array) -> None:
     """Turn what is left like the settled neighbours on its own surface, from these on, in place."""
     for _ in range(_ROUNDS):
         left = np.flatnonzero(~settled)

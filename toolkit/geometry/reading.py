@@ -72,7 +72,7 @@ def read_geometry_texture(
     common: dict[str, Any] = {"bounds": bounds, "spacing": spacing}
     try:
         if kind in POINT_FILES:
-            points, normals = _table(path)
+            points, normals = _read_table(path)
             return geometry_from_points(points, normals, axis=axis, **common)
         if kind == ".obj" and (found := _obj_points(path)) is not None:
             return geometry_from_points(*found, axis=axis, **common)
@@ -99,7 +99,7 @@ def holds_points(path: Path) -> bool:
     return kind in POINT_FILES
 
 
-def _table(path: Path) -> tuple[Array, Array | None]:
+def _read_table(path: Path) -> tuple[Array, Array | None]:
     """Rows of x y z, or x y z nx ny nz; commas count as spaces, lines that begin with # or // are skipped."""
     rows: list[list[float]] = []
     with open(path, encoding="utf-8", errors="replace") as file:

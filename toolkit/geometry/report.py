@@ -33,7 +33,7 @@ def geometry_pictures(
         Height axis.
     colors : (N, 3) array, optional
         Linear colours to show it in; default its own, else clay.
-    size : (width, height)
+    size : (rows, columns)
     """
     # The height axis towards the eye; the order of the three keeps its handedness.
     vertices = mesh.vertices[:, [*plane_axes(axis), axis]]

@@ -57,7 +57,7 @@ def usual_nearest(points: Array) -> float:
     return float(np.median(cKDTree(points).query(points[chosen], 2)[0][:, 1]))
 
 
-def thinned(points: Array, normals: Array, radius: float, seed: int = 0) -> Array:
+def thin_points(points: Array, normals: Array, radius: float, seed: int = 0) -> Array:
     """Return the indices of a Poisson-disk choice: none nearer to another on its side than ``radius``, hardly room for more.
 
     Points are taken in random order, all that are first among their undecided neighbours at once, which is what taking them
@@ -123,5 +123,5 @@ def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed:
     weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
     points = np.einsum("nk,nkc->nc", weights, vertices[faces[face]])
     normals = cross[face] / (2 * np.maximum(area[face], 1e-300))[:, None]
-    chosen = thinned(points, normals, RADIUS * spacing, seed)
+    chosen = thin_points(points, normals, RADIUS * spacing, seed)
     return points[chosen], normals[chosen], face[chosen], weights[chosen]

@@ -12,7 +12,7 @@ from intaglio.checks import checked_count, checked_finite, checked_number, check
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import check_readable
-from intaglio.geometry.options import one_or_two
+from intaglio.geometry.options import checked_pair
 from intaglio.geometry.point_set import PointSet, axis_number, checked_points, plane_axes
 from intaglio.kernels.shells import Shell
 from intaglio.mesh import load_mesh, vertex_normals
@@ -72,7 +72,7 @@ def wrap_geometry(
     Duranleau & Poulin, section 7 (future work); shells as in Porumbescu et al., *Shell maps* (2005).
     """
     device = device_or_error(device)
-    sides = one_or_two(size, "size")
+    sides = checked_pair("size", size)
     if not isinstance(repeat, tuple | list) or len(repeat) != 2:
         raise InputError(f"repeat must be two whole numbers, not {repeat!r}")
     turns = [checked_count("repeat", r, 1, 1000) for r in repeat]
@@ -121,7 +121,7 @@ def wrap_geometry(
             parts.append(replace(part, points=place[there] + center, normals=turned[there]))
     low, high = np.quantile(scale, [0.01, 0.99])
     note = f"a length of 1 in the texture is {mean:.4g} on the mesh on average, from {low:.4g} to {high:.4g}"
-    whole = _joined(parts)
+    whole = _join_parts(parts)
     if not len(whole):
         raise InputError("no point lies over a triangle: the texture coordinates lie outside of 0 to 1")
     return replace(whole, notes=(*points.notes, note))
@@ -166,7 +166,7 @@ def _smooth_normals(vertices: Array, faces: Array) -> Array:
     return vertex_normals(vertices[first], inverse[faces])[inverse]
 
 
-def _joined(parts: list[PointSet]) -> PointSet:
+def _join_parts(parts: list[PointSet]) -> PointSet:
     def all_of(name: str) -> Array | None:
         values = [getattr(part, name) for part in parts]
         return None if values[0] is None else np.concatenate(values)

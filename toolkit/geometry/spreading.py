@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.geometry.sampling import thinned
+from intaglio.geometry.sampling import thin_points
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps, repelled
 
@@ -37,16 +37,16 @@ def spread(
     """
     if rounds == 0 or not len(records):
         return records
-    ring = _with_images(records, period, 2 * support)
+    ring = _add_images(records, period, 2 * support)
     fixed = PointSurface(ring["point"], ring["normal"], support, device=device)
-    added = _fillings(records, fixed, nearest, support)
+    added = _fill_gaps(records, fixed, nearest, support)
     for axis, length in enumerate(period):
         if length is not None:
             # What lies past the border is found again on the other side.
             added = added[(added["point"][:, axis] >= 0) & (added["point"][:, axis] < length)]
     out = np.concatenate([records, added])
     for _ in range(rounds):
-        ring = _with_images(out, period, 2 * support)
+        ring = _add_images(out, period, 2 * support)
         moving = PointSurface(ring["point"], ring["normal"], support, device=device)
         pushed = repelled(moving, nearest, _STRENGTH)[: len(out)]
         # Where nothing pushes nothing is touched.
@@ -58,7 +58,7 @@ def spread(
     return out
 
 
-def _fillings(records: Array, fixed: PointSurface, nearest: float, support: float) -> Array:
+def _fill_gaps(records: Array, fixed: PointSurface, nearest: float, support: float) -> Array:
     """Return new records in the middle of gaps; each is said to come from the swatch point of the gap's rim."""
     middle, width = gaps(fixed, _GAP * nearest, _BORDER * nearest)
     rim = np.flatnonzero(width[: len(records)] > 0)
@@ -68,14 +68,14 @@ def _fillings(records: Array, fixed: PointSurface, nearest: float, support: floa
     rim, point, normal = rim[free], point[free], normal[free]
     if not len(rim):
         return records[:0]
-    chosen = thinned(point, normal, _ROOM * nearest)
+    chosen = thin_points(point, normal, _ROOM * nearest)
     made = records[rim[chosen]].copy()
     made["moved"] += np.linalg.norm(point[chosen] - made["point"], axis=1)
     made["point"], made["normal"] = point[chosen], normal[chosen]
     return made
 
 
-def _with_images(records: Array, period: tuple[float | None, float | None], margin: float) -> Array:
+def _add_images(records: Array, period: tuple[float | None, float | None], margin: float) -> Array:
     """Return the records followed by copies of those near a border that repeats."""
     out = records
     for axis, length in enumerate(period):

@@ -14,7 +14,7 @@ from intaglio.checks import checked_positive, checked_vectors
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.geometry.normals import estimate_normals
 from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number, plane_axes
-from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thinned
+from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thin_points
 from intaglio.mesh import grid_faces
 from intaglio.randomness import checked_seed
 
@@ -94,7 +94,7 @@ def geometry_from_points(
         directions, note = estimate_normals(positions, height_axis, measured)
         notes.append(note)
     if spacing is not None:
-        keep = thinned(positions, directions, RADIUS * checked_positive("spacing", spacing))
+        keep = thin_points(positions, directions, RADIUS * checked_positive("spacing", spacing))
         if len(keep) < _FEWEST:
             raise InputError(f"spacing {spacing:g} leaves {len(keep)} points; at least {_FEWEST} are needed: give a smaller one")
         notes.append(f"thinned from {len(positions)} to {len(keep)} points")

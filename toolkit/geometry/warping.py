@@ -68,7 +68,7 @@ def solve_splines(sources: list[Array], targets: list[Array], smoothing: float) 
         system[b, most + 1 :, :n] = scaled.T
         right[b, :n] = (t - s) / spread[b]
     with single_threaded_blas():
-        solution = _solved(system, right)
+        solution = _solve_stacked(system, right)
     for b in range(count):
         n = sizes[b]
         if n >= 4 and np.isfinite(solution[b]).all():
@@ -82,7 +82,7 @@ def solve_splines(sources: list[Array], targets: list[Array], smoothing: float) 
     return Splines(first, centers, weights, linear, offset)
 
 
-def _solved(system: Array, right: Array) -> Array:
+def _solve_stacked(system: Array, right: Array) -> Array:
     """Solve stacked systems; a singular one gives NaN for itself alone."""
     try:
         return np.linalg.solve(system, right)

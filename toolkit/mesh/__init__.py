@@ -2,7 +2,7 @@
 
 from intaglio.mesh.base import Base, BaseFit, Cylinder, Plane, Sphere, face_the_scan, perpendicular, unit
 from intaglio.mesh.points import surface_from_points, surface_from_range_image
-from intaglio.mesh.reading import load_mesh, read_surface, vertex_colors
+from intaglio.mesh.reading import load_mesh, picture_of, read_surface, vertex_colors
 from intaglio.mesh.smooth_base import SmoothBase
 from intaglio.mesh.surface import Surface, vertex_normals
 from intaglio.mesh.topology import (
@@ -46,6 +46,7 @@ __all__ = [
     "load_mesh",
     "opposite_edges",
     "perpendicular",
+    "picture_of",
     "pieces",
     "ply_table",
     "read_surface",

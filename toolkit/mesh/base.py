@@ -1,7 +1,7 @@
 """The smooth base shapes that relief stands on: plane, circular cylinder, sphere.
 
-Relief is the signed distance from the base along its normal. Normals of cylinder and sphere point away from the axis and
-centre; a plane's normal is as given. A surface seen from inside (a bowl) has negative orientation: see ``inward``.
+Relief is the signed distance from the base along its normal. Normals of cylinder and sphere point away from the axis or the
+centre, a plane's normal is as given; ``inward`` turns them round for a surface that is seen from inside, such as a bowl.
 """
 
 from __future__ import annotations
@@ -26,7 +26,11 @@ def unit(vectors: Array) -> Array:
 
 
 def perpendicular(normal: Array) -> Array:
-    """Return unit vectors (..., 3) perpendicular to ``normal``, from its smallest component (paper 000, section 3)."""
+    """Return unit vectors (..., 3) perpendicular to ``normal``.
+
+    The smallest component of the normal is replaced by zero, and the other two change places, one of them negated: Breckon &
+    Fisher, "Non-parametric 3D Surface Completion", 3DIM 2005, section 3.
+    """
     normal = np.asarray(normal, np.float64)
     smallest = np.argmin(np.abs(normal), axis=-1)
     x, y, z = normal[..., 0], normal[..., 1], normal[..., 2]
@@ -37,22 +41,32 @@ def perpendicular(normal: Array) -> Array:
 
 @dataclass(frozen=True)
 class BaseFit:
-    """How a base was fitted.
+    """How well a base fits the points, and how it compares with the other kinds.
 
     Attributes
     ----------
     rms : float
         Root mean square orthogonal distance of all points from the base, in the input's unit.
     robust_scale : float
-        1.4826 times the median absolute distance from the median, in the input's unit.
+        1.4826 times the median absolute deviation of the signed distances from their median, in the input's unit.
     candidates : mapping of str to (float, float)
-        For every kind that was tried: rms residual and score (lower is better).
+        Root mean square distance and score of every kind that was tried; the lowest score is best.
     ambiguous : bool
-        True where another kind explains the points about as well.
+        True if another kind explains the points about as well.
     poor : bool
-        True where the residual is too large a share of the scan's size to be relief: the shape is another one.
+        True if the distances are too large a share of the scan's size to be relief: the shape is of another kind.
     note : str
-        One sentence for the user: what was chosen and why, or between what the data does not decide.
+        One sentence for the user: what was chosen and why, or which kinds the data can't tell apart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> rng = np.random.default_rng(0)
+    >>> points = np.column_stack([rng.uniform(-1, 1, (200, 2)), 0.01 * rng.standard_normal(200)])
+    >>> fit = intaglio.fit_base(points, kinds="plane").fit
+    >>> round(fit.rms, 3), fit.ambiguous, fit.poor
+    (0.01, False, False)
     """
 
     rms: float
@@ -65,15 +79,42 @@ class BaseFit:
 
 @dataclass(frozen=True, kw_only=True)
 class Base(ABC):
-    """A smooth base shape; use `Plane`, `Cylinder` or `Sphere`.
+    """Smooth base shape that relief stands on: what `Plane`, `Cylinder`, `Sphere` and `SmoothBase` have in common.
 
-    Attributes
+    Relief is the signed distance of the surface from its base along the base's normal.
+
+    Parameters
     ----------
-    inward : bool
-        True where the outside of the scanned surface looks towards the axis or centre (the inside of a bowl): normals
-        and signed distances are then turned round.
-    fit : BaseFit or None
-        How it was fitted; None for a base that was given.
+    inward : bool, optional
+        Turn the normals, and with them the signs of distances, round. Default False: normals of cylinders and spheres point
+        away from the axis or centre. True is right for a surface seen from inside, such as a bowl.
+    fit : BaseFit or None, optional
+        How well the base fits the points; set by `fit_base`. Default None: the base was given, not fitted.
+
+    See Also
+    --------
+    intaglio.fit_base : Fit the kind that explains points best.
+
+    Notes
+    -----
+    The class is abstract: make one of its subclasses.
+
+    References
+    ----------
+    Breckon & Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12), 2008,
+    section 2.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> ball = intaglio.Sphere(center=(0, 0, 0), radius=2.0)
+    >>> isinstance(ball, intaglio.Base)
+    True
+    >>> ball.distance([[0, 0, 2.5], [0, 1, 0]])
+    array([ 0.5, -1. ])
+    >>> bowl = intaglio.Sphere(center=(0, 0, 0), radius=2.0, inward=True)
+    >>> bowl.distance([[0, 0, 2.5], [0, 1, 0]])
+    array([-0.5,  1. ])
     """
 
     kind: ClassVar[str] = ""
@@ -88,40 +129,154 @@ class Base(ABC):
         Parameters
         ----------
         points : (N, 3) array
-            In the input's unit.
+            Positions in the base's unit of length.
 
         Returns
         -------
         foot : (N, 3) float64 array
+            The nearest points on the base.
         normal : (N, 3) float64 array
+            Unit normals at the feet, turned round if the base is ``inward``.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> ground = intaglio.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+        >>> foot, normal = ground.foot([[1.0, 2.0, 3.0]])
+        >>> print(foot, normal)
+        [[1. 2. 0.]] [[0. 0. 1.]]
         """
 
     def distance(self, points: Array) -> Array:
-        """Return signed distances (N,) along the base normal, in the input's unit."""
+        """Return the signed distances of points from the base along its normal.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the base's unit of length.
+
+        Returns
+        -------
+        (N,) float64 array
+            Distances in the base's unit of length, positive on the side that the normal points to.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> ground = intaglio.Plane(point=(0, 0, 1), normal=(0, 0, 1))
+        >>> ground.distance([[5.0, 5.0, 1.5], [0.0, 0.0, 0.0]])
+        array([ 0.5, -1. ])
+        """
         foot, normal = self.foot(points)
         return np.einsum("ij,ij->i", np.asarray(points, np.float64) - foot, normal)
 
     def chart(self, points: Array) -> Array:
-        """Return coordinates (N, 2) of the feet on the unrolled base, in the input's unit."""
+        """Return the coordinates of the feet of points on the unrolled base.
+
+        Planes and cylinders can be unrolled without distortion; other bases have no chart.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the base's unit of length.
+
+        Returns
+        -------
+        (N, 2) float64 array
+            Coordinates on the unrolled base, in the base's unit of length.
+
+        Raises
+        ------
+        InputError
+            If the base is neither a plane nor a cylinder.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Sphere(center=(0, 0, 0), radius=1).chart([[0, 0, 1]])
+        Traceback (most recent call last):
+            ...
+        intaglio.errors.InputError: a sphere can't be unrolled without distortion; it has no chart
+        """
         raise InputError(f"a {self.kind} can't be unrolled without distortion; it has no chart")
 
     @property
     def orientation(self) -> float:
-        """1 for normals away from axis or centre, -1 for ``inward``."""
+        """Factor of the normals: 1, or -1 if the base is ``inward``.
+
+        Returns
+        -------
+        float
+            1.0 or -1.0.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Sphere(center=(0, 0, 0), radius=1, inward=True).orientation
+        -1.0
+        """
         return -1.0 if self.inward else 1.0
 
     @property
     @abstractmethod
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
-        """Kind (0 plane, 1 cylinder, 2 sphere), origin, axis, radius, as the kernels' exponential map takes them."""
+        """Parameters of the base in the form that the kernels' exponential map takes.
+
+        Returns
+        -------
+        kind : int
+            0 for a plane, 1 for a cylinder, 2 for a sphere, 3 for a smoothed surface.
+        origin : (3,) float64 array
+            A point of the plane or on the cylinder's axis, or the sphere's centre.
+        axis : (3,) float64 array
+            The plane's unit normal or the cylinder's unit axis; (0, 0, 1) for the others.
+        radius : float
+            Radius of cylinder or sphere; 0 for the others.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> kind, origin, axis, radius = intaglio.Sphere(center=(1, 2, 3), radius=4).kernel_parameters
+        >>> kind, origin, radius
+        (2, array([1., 2., 3.]), 4.0)
+        """
 
     @property
     @abstractmethod
     def parameters(self) -> dict[str, object]:
-        """The model's parameters by name; lengths are in the input's unit."""
+        """Parameters of the base by name.
+
+        Returns
+        -------
+        dict of str to object
+            Lengths are in the base's unit of length.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Sphere(center=(1, 2, 3), radius=4).parameters
+        {'radius': 4.0, 'center': array([1., 2., 3.])}
+        """
 
     def describe(self, unit_name: str = "units") -> str:
-        """Return one line with the parameters and, where it was fitted, the residual."""
+        """Return one line of text with the parameters and, if the base was fitted, the residual.
+
+        Parameters
+        ----------
+        unit_name : str, optional
+            What to call the unit of length. Default "units", since a scan does not say what its unit is.
+
+        Returns
+        -------
+        str
+            One line of text.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Sphere(center=(1, 2, 3), radius=4).describe("mm")
+        'sphere: radius 4, center (1, 2, 3) (mm)'
+        """
         text = f"{self.kind}: {', '.join(f'{k} {_format(v)}' for k, v in self.parameters.items())} ({unit_name})"
         if self.inward:
             text += ", seen from inside"
@@ -132,7 +287,37 @@ class Base(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Plane(Base):
-    """A plane through ``point`` with unit ``normal``; ``direction`` is the chart's first axis (made perpendicular)."""
+    """Plane through a point, with a normal.
+
+    Parameters
+    ----------
+    inward : bool, optional
+        Turn the normal round. Default False.
+    fit : BaseFit or None, optional
+        How well the plane fits the points; set by `fit_base`. Default None: it was given.
+    point : (3,) array
+        A point of the plane.
+    normal : (3,) array
+        Normal of any length but zero; made unit.
+    direction : (3,) array, optional
+        First axis of the chart, made perpendicular to the normal and unit. Default: the perpendicular that follows from the
+        normal's smallest component.
+
+    Raises
+    ------
+    InputError
+        If point, normal or direction are not three finite numbers, the normal is zero, or the direction has no part
+        perpendicular to it.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> ground = intaglio.Plane(point=(0, 0, 2), normal=(0, 0, 5))
+    >>> ground.normal
+    array([0., 0., 1.])
+    >>> ground.distance([[1.0, 1.0, 3.0]])
+    array([1.])
+    """
 
     kind: ClassVar[str] = "plane"
     parameter_count: ClassVar[int] = 3
@@ -149,36 +334,149 @@ class Plane(Base):
         object.__setattr__(self, "direction", _vector(along, "direction", unit_length=True))
 
     def foot(self, points: Array) -> tuple[Array, Array]:
-        """See `Base.foot`."""
+        """Return the nearest points on the plane and its unit normal there.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the plane's unit of length.
+
+        Returns
+        -------
+        foot : (N, 3) float64 array
+            The nearest points on the plane.
+        normal : (N, 3) float64 array
+            The plane's unit normal, once for every point.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> foot, normal = intaglio.Plane(point=(0, 0, 2), normal=(0, 0, 1)).foot([[5.0, 6.0, 7.0]])
+        >>> print(foot, normal)
+        [[5. 6. 2.]] [[0. 0. 1.]]
+        """
         points = np.asarray(points, np.float64)
         normal = self.normal * self.orientation
         height = (points - self.point) @ normal
         return points - height[:, None] * normal, np.tile(normal, (len(points), 1))
 
     def chart(self, points: Array) -> Array:
-        """See `Base.chart`."""
+        """Return the coordinates of the feet of points in the plane.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the plane's unit of length.
+
+        Returns
+        -------
+        (N, 2) float64 array
+            Lengths from ``point`` along ``direction`` and along the axis that, seen against the normal, is a quarter turn
+            to the left of it.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> ground = intaglio.Plane(point=(1, 0, 0), normal=(0, 0, 1), direction=(1, 0, 0))
+        >>> ground.chart([[3.0, 4.0, 9.0]])
+        array([[2., 4.]])
+        """
         axes = np.stack([self.direction, np.cross(self.normal * self.orientation, self.direction)], axis=1)
         return (np.asarray(points, np.float64) - self.point) @ axes
 
     def from_chart(self, coordinates: Array) -> Array:
-        """Return points (N, 3) of the plane at chart ``coordinates`` (N, 2)."""
+        """Return the points of the plane at coordinates of its chart.
+
+        Parameters
+        ----------
+        coordinates : (N, 2) array
+            What `chart` returns.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            Points on the plane.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> ground = intaglio.Plane(point=(1, 0, 0), normal=(0, 0, 1), direction=(1, 0, 0))
+        >>> ground.from_chart([[2.0, 4.0]])
+        array([[3., 4., 0.]])
+        """
         axes = np.stack([self.direction, np.cross(self.normal * self.orientation, self.direction)], axis=0)
         return self.point + np.asarray(coordinates, np.float64) @ axes
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
-        """See `Base.kernel_parameters`."""
+        """Parameters of the plane in the form that the kernels take; see `Base.kernel_parameters`.
+
+        Returns
+        -------
+        kind : int
+            0, a plane.
+        origin : (3,) float64 array
+            The plane's point.
+        axis : (3,) float64 array
+            The plane's unit normal, turned round if it is ``inward``.
+        radius : float
+            0, which has no meaning here.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Plane(point=(0, 0, 2), normal=(0, 0, 1)).kernel_parameters
+        (0, array([0., 0., 2.]), array([0., 0., 1.]), 0.0)
+        """
         return 0, self.point, self.normal * self.orientation, 0.0
 
     @property
     def parameters(self) -> dict[str, object]:
-        """See `Base.parameters`."""
+        """Parameters of the plane by name.
+
+        Returns
+        -------
+        dict of str to object
+            Arrays ``point`` and ``normal``, each (3,).
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Plane(point=(0, 0, 2), normal=(0, 0, 1)).parameters
+        {'point': array([0., 0., 2.]), 'normal': array([0., 0., 1.])}
+        """
         return {"point": self.point, "normal": self.normal * self.orientation}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cylinder(Base):
-    """A circular cylinder about the line through ``point`` along unit ``axis``, with ``radius``."""
+    """Circular cylinder about an axis, without ends.
+
+    Parameters
+    ----------
+    inward : bool, optional
+        Let the normals point towards the axis, for the inside of a tube. Default False: away from it.
+    fit : BaseFit or None, optional
+        How well the cylinder fits the points; set by `fit_base`. Default None: it was given.
+    point : (3,) array
+        A point on the axis.
+    axis : (3,) array
+        Direction of the axis, of any length but zero; made unit.
+    radius : float
+        Radius, positive.
+
+    Raises
+    ------
+    InputError
+        If point or axis are not three finite numbers, the axis is zero, or the radius is not a positive length.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> tower = intaglio.Cylinder(point=(0, 0, 0), axis=(0, 0, 1), radius=2.0)
+    >>> tower.distance([[3.0, 0.0, 10.0], [0.0, 1.5, -10.0]])
+    array([ 1. , -0.5])
+    """
 
     kind: ClassVar[str] = "cylinder"
     parameter_count: ClassVar[int] = 5
@@ -192,7 +490,29 @@ class Cylinder(Base):
         object.__setattr__(self, "radius", _radius(self.radius))
 
     def foot(self, points: Array) -> tuple[Array, Array]:
-        """See `Base.foot`."""
+        """Return the nearest points on the cylinder and its unit normals there.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the cylinder's unit of length. A point on the axis, to which all points of a ring are equally near,
+            is given one of them.
+
+        Returns
+        -------
+        foot : (N, 3) float64 array
+            The nearest points on the cylinder.
+        normal : (N, 3) float64 array
+            Unit normals, away from the axis, or towards it if the cylinder is ``inward``.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> tower = intaglio.Cylinder(point=(0, 0, 0), axis=(0, 0, 1), radius=2.0)
+        >>> foot, normal = tower.foot([[5.0, 0.0, 7.0]])
+        >>> print(foot, normal)
+        [[2. 0. 7.]] [[1. 0. 0.]]
+        """
         relative = np.asarray(points, np.float64) - self.point
         along = relative @ self.axis
         outward = unit(relative - along[:, None] * self.axis)
@@ -202,7 +522,27 @@ class Cylinder(Base):
         return foot, outward * self.orientation
 
     def chart(self, points: Array) -> Array:
-        """See `Base.chart`."""
+        """Return the coordinates of the feet of points on the unrolled cylinder.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the cylinder's unit of length.
+
+        Returns
+        -------
+        (N, 2) float64 array
+            Arc length about the axis, from -π to π times the radius, and length along the axis from ``point``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> tower = intaglio.Cylinder(point=(0, 0, 0), axis=(0, 0, 1), radius=2.0)
+        >>> a, b = tower.chart([[3.0, 0.0, 1.0], [0.0, 3.0, 4.0]])
+        >>> print((b - a) / [np.pi, 1])
+        [1. 3.]
+        """
         relative = np.asarray(points, np.float64) - self.point
         e1 = perpendicular(self.axis)
         e2 = np.cross(self.axis, e1)
@@ -210,7 +550,27 @@ class Cylinder(Base):
         return np.stack([self.radius * angle, relative @ self.axis], axis=1)
 
     def from_chart(self, coordinates: Array) -> Array:
-        """Return points (N, 3) of the cylinder at chart ``coordinates`` (N, 2): arc length and height."""
+        """Return the points of the cylinder at coordinates of its chart.
+
+        Parameters
+        ----------
+        coordinates : (N, 2) array
+            What `chart` returns: arc length about the axis and length along it.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            Points on the cylinder.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> tower = intaglio.Cylinder(point=(0, 0, 0), axis=(0, 0, 1), radius=2.0)
+        >>> point = [[0.0, -2.0, 5.0]]
+        >>> np.allclose(tower.from_chart(tower.chart(point)), point)
+        True
+        """
         coordinates = np.asarray(coordinates, np.float64)
         e1 = perpendicular(self.axis)
         e2 = np.cross(self.axis, e1)
@@ -220,18 +580,73 @@ class Cylinder(Base):
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
-        """See `Base.kernel_parameters`."""
+        """Parameters of the cylinder in the form that the kernels take; see `Base.kernel_parameters`.
+
+        Returns
+        -------
+        kind : int
+            1, a cylinder.
+        origin : (3,) float64 array
+            A point on the axis.
+        axis : (3,) float64 array
+            The axis' unit direction.
+        radius : float
+            The radius.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Cylinder(point=(0, 0, 0), axis=(0, 0, 1), radius=2).kernel_parameters
+        (1, array([0., 0., 0.]), array([0., 0., 1.]), 2.0)
+        """
         return 1, self.point, self.axis, self.radius
 
     @property
     def parameters(self) -> dict[str, object]:
-        """See `Base.parameters`."""
+        """Parameters of the cylinder by name.
+
+        Returns
+        -------
+        dict of str to object
+            The float ``radius``, and arrays ``point on axis`` and ``axis``, each (3,).
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> tower = intaglio.Cylinder(point=(0, 0, 0), axis=(0, 0, 1), radius=2)
+        >>> tower.parameters["radius"], tower.parameters["axis"]
+        (2.0, array([0., 0., 1.]))
+        """
         return {"radius": self.radius, "point on axis": self.point, "axis": self.axis}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sphere(Base):
-    """A sphere about ``center`` with ``radius``."""
+    """Sphere about a centre.
+
+    Parameters
+    ----------
+    inward : bool, optional
+        Let the normals point towards the centre, for the inside of a bowl. Default False: away from it.
+    fit : BaseFit or None, optional
+        How well the sphere fits the points; set by `fit_base`. Default None: it was given.
+    center : (3,) array
+        The centre.
+    radius : float
+        Radius, positive.
+
+    Raises
+    ------
+    InputError
+        If the centre is not three finite numbers or the radius is not a positive length.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> ball = intaglio.Sphere(center=(0, 0, 10), radius=2.0)
+    >>> ball.distance([[0.0, 0.0, 13.0], [0.0, 1.0, 10.0]])
+    array([ 1., -1.])
+    """
 
     kind: ClassVar[str] = "sphere"
     parameter_count: ClassVar[int] = 4
@@ -243,24 +658,75 @@ class Sphere(Base):
         object.__setattr__(self, "radius", _radius(self.radius))
 
     def foot(self, points: Array) -> tuple[Array, Array]:
-        """See `Base.foot`."""
+        """Return the nearest points on the sphere and its unit normals there.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the sphere's unit of length. The centre, to which all points of the sphere are equally near, is
+            given the one along z.
+
+        Returns
+        -------
+        foot : (N, 3) float64 array
+            The nearest points on the sphere.
+        normal : (N, 3) float64 array
+            Unit normals, away from the centre, or towards it if the sphere is ``inward``.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> foot, normal = intaglio.Sphere(center=(0, 0, 0), radius=2).foot([[0.0, 5.0, 0.0]])
+        >>> print(foot, normal)
+        [[0. 2. 0.]] [[0. 1. 0.]]
+        """
         outward = unit(np.asarray(points, np.float64) - self.center)
         outward[~outward.any(axis=1)] = (0.0, 0.0, 1.0)
         return self.center + self.radius * outward, outward * self.orientation
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
-        """See `Base.kernel_parameters`."""
+        """Parameters of the sphere in the form that the kernels take; see `Base.kernel_parameters`.
+
+        Returns
+        -------
+        kind : int
+            2, a sphere.
+        origin : (3,) float64 array
+            The centre.
+        axis : (3,) float64 array
+            (0, 0, 1), which has no meaning here.
+        radius : float
+            The radius.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Sphere(center=(1, 2, 3), radius=4).kernel_parameters
+        (2, array([1., 2., 3.]), array([0., 0., 1.]), 4.0)
+        """
         return 2, self.center, np.array([0.0, 0.0, 1.0]), self.radius
 
     @property
     def parameters(self) -> dict[str, object]:
-        """See `Base.parameters`."""
+        """Parameters of the sphere by name.
+
+        Returns
+        -------
+        dict of str to object
+            The float ``radius`` and the array ``center``, (3,).
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.Sphere(center=(1, 2, 3), radius=4).parameters
+        {'radius': 4.0, 'center': array([1., 2., 3.])}
+        """
         return {"radius": self.radius, "center": self.center}
 
 
 def face_the_scan(base: Base, points: Array, faces: Array) -> Base:
-    """Return ``base`` with normals on the side that the triangles ``faces`` (F, 3) of ``points`` (N, 3) show."""
+    """Return ``base`` with its normals on the side from which the triangles ``faces`` (F, 3) of ``points`` (N, 3) are seen."""
     if len(faces) == 0:
         return base
     corners = points[faces]

@@ -15,23 +15,50 @@ from intaglio.mesh.topology import Topology
 def surface_from_range_image(
     points: Array, *, view: ArrayLike = (0.0, 0.0, 0.0), color: Array | None = None, steepest: float = 80.0
 ) -> Surface:
-    """Triangulate an organised range image in its own grid; depth discontinuities are not bridged.
+    """Triangulate a range image in its own grid, without bridging depth discontinuities.
+
+    Every cell of four measured neighbours gives two triangles, cut along the shorter diagonal, and every cell of three
+    gives one.
 
     Parameters
     ----------
     points : (H, W, 3) array
-        Positions; NaN where nothing was seen.
-    view : (3,) array
-        Where the scanner stood, so that faces look towards it. Infinite components mean a direction: use a far point.
+        Positions in any unit of length; NaN where nothing was measured.
+    view : (3,) array, optional
+        Where the scanner stood, in the same coordinates: faces look towards it. For parallel rays give a far point.
+        Default the origin, where most scanners put themselves.
     color : (H, W, 3) array, optional
-        Linear colours.
-    steepest : float
-        Degrees: a triangle whose normal is further than this from the line of sight bridges a discontinuity.
+        Linear colours in [0, 1]. Default None: no colours.
+    steepest : float, optional
+        A triangle whose normal is this many degrees or more from the line of sight is taken for a bridge over a
+        discontinuity and left out. Default 80, since scanners hardly measure surfaces that are seen at a lower angle.
+
+    Returns
+    -------
+    Surface
+        Its vertices are the measured points that some triangle uses, row by row.
 
     Raises
     ------
     InputError
-        If points have the wrong shape or no triangle can be made.
+        If points or view have the wrong shape, no three measured points are neighbours, or all triangles are too steep.
+
+    See Also
+    --------
+    intaglio.render.range_scan : Simulated range images.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[2:-1:-1, 0:3].astype(float)
+    >>> points = np.stack([x, y, np.full((3, 3), -10.0)], axis=-1)
+    >>> points[0, 0] = np.nan
+    >>> surface = intaglio.surface_from_range_image(points)
+    >>> len(surface.vertices), len(surface.faces)
+    (8, 7)
+    >>> surface.normal[0]
+    array([0., 0., 1.])
     """
     points = checked_numeric("points", points, np.float64)
     stood = checked_numeric("view", view, np.float64)
@@ -70,23 +97,42 @@ def surface_from_range_image(
 
 
 def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | None = None, longest: float = 3.0) -> Surface:
-    """Triangulate a point cloud seen along a view direction, by Delaunay in the view plane.
+    """Triangulate the points of one view, by Delaunay's triangulation in the plane of view.
 
     Parameters
     ----------
     points : (N, 3) array
-        One view's points (2.5D: no two behind one another).
+        Points of a 2.5D scan, in any unit of length: along the direction of sight none lies behind another.
     direction : (3,) array
-        The direction of sight, from the scanner to the object.
+        The direction of sight, from the scanner to the object, of any length.
     color : (N, 3) array, optional
-        Linear colours.
-    longest : float
-        An edge longer than this many times the median edge bridges a gap or discontinuity; its triangles are dropped.
+        Linear colours in [0, 1]. Default None: no colours.
+    longest : float, optional
+        Triangles with an edge of more than this many median edges are taken for bridges over gaps or discontinuities and
+        left out. Default 3.
+
+    Returns
+    -------
+    Surface
+        Its vertices are the points that some triangle uses, in their order; faces look towards the scanner.
 
     Raises
     ------
     InputError
-        For fewer than three points, points on a line, or a zero direction.
+        For fewer than three points, points that are not finite or lie on a line, a direction of zeros, or a ``longest``
+        that is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), 0.1 * np.sin(x.ravel())])
+    >>> surface = intaglio.surface_from_points(points, direction=(0, 0, -1))
+    >>> len(surface.vertices), len(surface.faces)
+    (20, 24)
+    >>> bool((surface.normal[:, 2] > 0.9).all())
+    True
     """
     from scipy.spatial import Delaunay, QhullError
 
@@ -124,7 +170,7 @@ def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | N
 
 
 def _grid_faces(a: Array, b: Array, c: Array, d: Array, vertices: Array) -> Array:
-    """Two triangles per full cell, cut along the shorter diagonal; one where a corner is missing."""
+    """Return two triangles per full cell, cut along the shorter diagonal, and one per cell that lacks a corner."""
     a, b, c, d = (x.reshape(-1) for x in (a, b, c, d))
     missing = (a < 0).astype(int) + (b < 0) + (c < 0) + (d < 0)
     full = missing == 0
@@ -144,11 +190,11 @@ def _grid_faces(a: Array, b: Array, c: Array, d: Array, vertices: Array) -> Arra
 
 
 def _without_pinched(faces: Array, count: int) -> Array:
-    """Drop the smaller fans of faces that meet others only in a vertex, where the surface would touch itself in a point."""
+    """Drop all but the largest fan of faces at vertices where the surface would touch itself in a single point."""
     while len(faces):
         topology = Topology.of(faces, count)
         out = np.zeros(len(faces), bool)
-        # A vertex on one fan has one more edge than faces on a border, as many inside; more edges mean more fans.
+        # A vertex with one fan has as many edges as faces, or one more on a border; further edges mean further fans.
         edges = np.diff(topology.offsets)
         at = np.diff(topology.face_offsets)
         for vertex in np.flatnonzero(edges > at + 1):

@@ -16,7 +16,7 @@ from intaglio.files import check_readable
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.base import Base, Cylinder, Plane, Sphere
 from intaglio.mesh.points import surface_from_points, surface_from_range_image
-from intaglio.mesh.repair import repaired
+from intaglio.mesh.repair import repair_surface
 from intaglio.mesh.smooth_base import SmoothBase
 from intaglio.mesh.surface import Surface
 
@@ -32,21 +32,50 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, repair:
     Parameters
     ----------
     path : path
-        .ply, .obj, .stl, .off, .gltf or .glb.
+        The file: .ply, .obj, .stl, .off, .gltf or .glb. Several meshes in one file are joined.
     view : (3,) sequence, optional
         For a point cloud: the direction of sight, from the scanner to the object. For a range grid: where the scanner
-        stood; default the origin, where that is at least twice the points' extent away, else far along +z.
-    repair : bool
+        stood. Default for a range grid: the origin if it is at least twice the points' extent away from them, as in most
+        scans, else a place far along +z.
+    repair : bool, optional
         Merge vertices that lie exactly on one another, drop faces that are degenerate or repeated or share an edge with
-        two others already, and turn faces so that neighbours agree. What was done is put into ``notes``. Coordinates
-        are not changed.
+        two others already, and turn faces so that neighbours agree. What was done is added to the ``notes``; coordinates
+        are not changed. Default False: the file is taken as it is.
+
+    Returns
+    -------
+    Surface
+        Vertices as float64 in the file's own unit. Vertex colours, or a texture's colours at the vertices, are decoded to
+        linear values.
 
     Raises
     ------
     FileError
-        If the file is missing, empty, damaged, or of no known kind.
+        If the file is missing, empty, damaged, or its suffix is unknown.
     InputError
-        If its content is no surface: no vertices, NaN, faces out of range, points without ``view``.
+        If its content is not a surface: no vertices, NaN, faces out of range, points without ``view``.
+
+    See Also
+    --------
+    intaglio.surface_from_points : Triangulate an array of points.
+    intaglio.surface_from_range_image : Triangulate a range image.
+
+    Examples
+    --------
+    >>> import pathlib
+    >>> import tempfile
+    >>> import intaglio
+    >>> text = "v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nf 1 2 3\\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "triangle.obj")
+    ...     _ = path.write_text(text)
+    ...     surface = intaglio.read_surface(path)
+    >>> surface.vertices
+    array([[0., 0., 0.],
+           [1., 0., 0.],
+           [0., 1., 0.]])
+    >>> surface.faces
+    array([[0, 1, 2]], dtype=int32)
     """
     path = check_readable(path)
     reader = _readers.get(path.suffix.lower())
@@ -56,7 +85,7 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, repair:
         surface = reader(path, view)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return repaired(surface) if repair else surface
+    return repair_surface(surface) if repair else surface
 
 
 def _read_with_trimesh(path: Path, view: Sequence[float] | None) -> Surface:
@@ -64,7 +93,7 @@ def _read_with_trimesh(path: Path, view: Sequence[float] | None) -> Surface:
 
 
 def load_mesh(path: Path) -> Any:
-    """Return what trimesh makes of a file, parts of a scene joined; `FileError` if it can't be read."""
+    """Return a file's mesh as trimesh reads it, the parts of a scene joined; `FileError` if it can't be read."""
     import trimesh
 
     try:
@@ -77,7 +106,8 @@ def load_mesh(path: Path) -> Any:
     except InputError:
         raise
     except Exception as error:
-        raise FileError(f"{path}: is no readable {path.suffix[1:].upper()} file ({type(error).__name__}: {error})") from error
+        kind = path.suffix[1:].upper()
+        raise FileError(f"{path}: can't be read as {kind} ({type(error).__name__}: {error})") from error
     return loaded
 
 
@@ -97,16 +127,16 @@ def _from_trimesh(mesh: Any, path: Path, view: Sequence[float] | None) -> Surfac
     return Surface(vertices=vertices, faces=faces, color=color, notes=_missing_texture(mesh, path))
 
 
-def _picture(visual: Any) -> Any:
-    """The picture of a textured mesh's material, or None."""
+def picture_of(visual: Any) -> Any:
+    """Return the picture of a textured mesh's material, or None."""
     material = getattr(visual, "material", None)
     return getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
 
 
 def _missing_texture(mesh: Any, path: Path) -> tuple[str, ...]:
-    """A note about a textured mesh whose picture was not found, naming the file that is missing where that is known."""
+    """Return a note about a textured mesh whose picture was not found, with the name of the missing file if it is known."""
     visual = getattr(mesh, "visual", None)
-    if getattr(visual, "kind", None) != "texture" or getattr(visual, "uv", None) is None or _picture(visual) is not None:
+    if getattr(visual, "kind", None) != "texture" or getattr(visual, "uv", None) is None or picture_of(visual) is not None:
         return ()
     missing = []
     if path.suffix.lower() == ".obj":
@@ -121,17 +151,17 @@ def _missing_texture(mesh: Any, path: Path) -> tuple[str, ...]:
 
 
 def _named_files(path: Path, keyword: str) -> list[str]:
-    """Files that the lines of a text file beginning with ``keyword`` name."""
+    """Return the names of files in those lines of a text file that begin with ``keyword``."""
     with open(path, encoding="utf-8", errors="replace") as file:
         lines = [line.split(maxsplit=1) for line in file if line.lower().startswith(keyword.lower())]
     return [words[1].strip().replace("\\", "/") for words in lines if len(words) == 2]
 
 
 def vertex_colors(mesh: Any, count: int) -> Array | None:
-    """Vertex colours as linear floats, if the file has them; a texture is sampled at the vertices."""
+    """Return the vertex colours as linear floats, if the mesh has colours; a texture is sampled at the vertices."""
     visual: Any = getattr(mesh, "visual", None)
     if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
-        if _picture(visual) is None:
+        if picture_of(visual) is None:
             return None
         visual = visual.to_color()
     colors = None
@@ -146,7 +176,7 @@ def vertex_colors(mesh: Any, count: int) -> Array | None:
 
 
 def _read_stl(path: Path, view: Sequence[float] | None) -> Surface:
-    """STL has no shared vertices: equal ones are joined, as the format means them to be."""
+    """Read an STL file, whose triangles share no vertices: equal ones are joined, as the format intends."""
     surface = _read_with_trimesh(path, view)
     vertices, first, inverse = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
@@ -176,7 +206,7 @@ def _read_ply(path: Path, view: Sequence[float] | None) -> Surface:
 
 
 def _check_colors(vertex: Any) -> None:
-    """Raise `InputError` for colours that are not finite: as bytes they would turn black unseen."""
+    """Raise `InputError` for colours that are not finite: converted to bytes they would silently turn black."""
     for name in ("red", "green", "blue"):
         if name in _field_names(vertex):
             values = np.asarray(vertex[name]).reshape(-1)
@@ -189,15 +219,15 @@ def _check_colors(vertex: Any) -> None:
 
 
 def _check_counts(mesh: Any, raw: dict[str, Any]) -> None:
-    """Raise `InputError` where the file holds less than its header promises."""
+    """Raise `InputError` if the file holds fewer elements than its header declares."""
     for name, found in (("vertex", len(getattr(mesh, "vertices", ()))), ("face", len(getattr(mesh, "faces", ())))):
         promised = raw.get(name, {}).get("length", 0)
         if found < promised:
-            raise InputError(f"its header promises {promised} {name} entries, but it holds {found}: the file is cut off")
+            raise InputError(f"its header declares {promised} {name} entries, but it holds {found}: the file is cut off")
 
 
 def _own_surface(mesh: Any, vertex: Any, names: set[str], comments: list[str]) -> Surface:
-    """A PLY that Intaglio wrote."""
+    """Return the surface of a PLY that Intaglio wrote, with its base and provenance."""
 
     def columns(*fields: str) -> Array:
         return np.stack([np.asarray(vertex[f]).reshape(-1) for f in fields], axis=1)
@@ -232,17 +262,17 @@ def _ply_comments(path: Path) -> list[str]:
     comments: list[str] = []
     with open(path, "rb") as file:
         if not _HEAD.match(file.read(4)):
-            raise FileError(f"{path}: its content is not PLY, whatever its name says")
+            raise FileError(f"{path}: is named .ply, but its content is not PLY")
         for line in file:
             if line.startswith(b"end_header"):
                 return comments
             if line.startswith(b"comment "):
                 comments.append(line[len(b"comment ") :].decode("utf-8", "replace").strip())
-    raise FileError(f"{path}: its header has no end")
+    raise FileError(f"{path}: its header has no end_header line")
 
 
 def _from_range_grid(mesh: Any, grid: dict[str, Any], path: Path, view: Sequence[float] | None) -> Surface:
-    """A PLY range grid: one list per cell, empty or holding the index of the vertex seen there."""
+    """Return the surface of a PLY range grid: one list per cell, empty or with the index of the vertex seen there."""
     header = _ply_header(path)
     try:
         columns, rows = int(header["num_cols"]), int(header["num_rows"])
@@ -288,7 +318,7 @@ def _grid_indices(data: Any, cells: int) -> Array:
     lists = next(iter(data.values())) if isinstance(data, dict) else data
     index = np.full(cells, -1, np.int64)
     if len(lists) != cells:
-        raise InputError(f"its range_grid has {len(lists)} cells where its header promises {cells}")
+        raise InputError(f"its range_grid has {len(lists)} cells, but its header declares {cells}")
     for cell, entry in enumerate(lists):
         values = np.asarray(entry).reshape(-1)
         if len(values):

@@ -1,4 +1,4 @@
-"""Repair of meshes whose faces do not join as they should."""
+"""Repairing meshes whose faces do not join as they should."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from intaglio.mesh.surface import Surface
 from intaglio.mesh.topology import directed_edges, edge_keys
 
 
-def repaired(surface: Surface) -> Surface:
+def repair_surface(surface: Surface) -> Surface:
     """Return ``surface`` with joined vertices, no degenerate or surplus faces, and one winding; see `read_surface`."""
     notes = []
     vertices, faces = surface.vertices, surface.faces
     _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     inverse = inverse.reshape(-1)
-    # The first of equal vertices stays, in its place, so that indices shift no more than they must.
+    # Of equal vertices the first is kept, so that indices change as little as possible.
     keep = np.zeros(len(vertices), bool)
     keep[first] = True
     merged = int((~keep).sum())
@@ -68,13 +68,13 @@ def _thin_edges(faces: Array, count: int) -> tuple[Array, int]:
         surplus = np.unique(order[rank >= 2] // 3)
         if len(surplus) == 0:
             return faces, dropped
-        # One at a time per edge would be slow; the last face of each crowded edge goes, then edges are counted again.
+        # Later faces of all crowded edges are dropped at once, then edges are counted again: one at a time would be slow.
         faces = np.delete(faces, surplus, axis=0)
         dropped += len(surplus)
 
 
 def _one_winding(faces: Array, count: int) -> tuple[Array, int]:
-    """Turn faces so that neighbours run through their shared edge in opposite directions; the majority stays."""
+    """Turn faces so that neighbours traverse their shared edge in opposite directions; the majority of a piece stays."""
     edges = directed_edges(faces)
     keys = edge_keys(np.sort(edges, axis=1), count)
     order = np.argsort(keys, kind="stable")
@@ -108,7 +108,7 @@ def _one_winding(faces: Array, count: int) -> tuple[Array, int]:
 
 
 def _cut_one_sided(faces: Array, count: int) -> tuple[Array, int]:
-    """Drop later faces at edges that are still run through twice in one direction: a band that is twisted (Moebius)."""
+    """Drop later faces at edges that are still traversed twice in one direction, as on a Möbius band."""
     before = len(faces)
     while True:
         keys = edge_keys(directed_edges(faces), count)

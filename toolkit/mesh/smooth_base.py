@@ -1,4 +1,4 @@
-"""A base of any shape: the scan's own smoothed surface, carried on over its holes."""
+"""A base of any shape: the scan's own smoothed surface, continued over its holes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,37 @@ from intaglio.mesh.base import Base, unit
 
 @dataclass(frozen=True, kw_only=True)
 class SmoothBase(Base):
-    """A smooth triangulated surface.
+    """Smooth triangulated surface as a base, for scans that no plane, cylinder or sphere carries.
 
-    Attributes
+    `complete_relief` with base "smooth" makes one from the scan.
+
+    Parameters
     ----------
+    inward : bool, optional
+        Turn the normals round. Default False.
+    fit : BaseFit or None, optional
+        How well the base fits points. Default None: a smoothed surface is not fitted.
     vertices : (N, 3) float64 array
+        Vertices in the input's unit of length.
     faces : (F, 3) int32 array
+        Triangles.
     normals : (N, 3) float64 array
-        Unit vertex normals; between vertices they are interpolated.
+        Unit normals at the vertices; they are interpolated over the triangles.
     relief_scale : float
-        Wave length that parts relief from shape, in the input's unit.
-    device : str, optional
-        Where nearest points are looked for; default CUDA if there is one.
+        Wavelength that divides relief from shape, in the input's unit: longer waves belong to the base.
+    device : str or None, optional
+        Where nearest points are searched: "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])
+    >>> up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    >>> faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    >>> ground = intaglio.SmoothBase(vertices=corners, faces=faces, normals=up, relief_scale=1.0, device="cpu")
+    >>> ground.distance([[1.0, 2.0, 0.5], [3.0, 1.0, -0.25]])
+    array([ 0.5 , -0.25])
     """
 
     kind: ClassVar[str] = "smooth"
@@ -37,7 +56,37 @@ class SmoothBase(Base):
     device: str | None = field(default=None, compare=False)
 
     def foot(self, points: Array) -> tuple[Array, Array]:
-        """See `Base.foot`."""
+        """Return the nearest points on the surface and the interpolated unit normals there.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the surface's unit of length.
+
+        Returns
+        -------
+        foot : (N, 3) float64 array
+            The nearest points on the triangles.
+        normal : (N, 3) float64 array
+            Unit normals, interpolated between those of the vertices and turned round if the base is ``inward``.
+
+        Raises
+        ------
+        ValueError
+            If the base's device does not exist.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
+        >>> up = np.tile([0.0, 0.0, 1.0], (3, 1))
+        >>> faces = np.array([[0, 1, 2]], np.int32)
+        >>> ground = intaglio.SmoothBase(vertices=corners, faces=faces, normals=up, relief_scale=1.0, device="cpu")
+        >>> foot, normal = ground.foot([[1.0, 1.0, 3.0]])
+        >>> print(foot, normal)
+        [[1. 1. 0.]] [[0. 0. 1.]]
+        """
         face, weight = nearest_on_mesh(np.asarray(points, np.float64), self.vertices, self.faces, choose_device(self.device))
         corner = self.faces[face]
         foot = np.einsum("ik,ikc->ic", weight, self.vertices[corner])
@@ -45,10 +94,50 @@ class SmoothBase(Base):
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
-        """See `Base.kernel_parameters`."""
+        """Parameters in the form that the kernels take, of which only the kind has a meaning here.
+
+        Returns
+        -------
+        kind : int
+            3, a smoothed surface.
+        origin : (3,) float64 array
+            Zeros.
+        axis : (3,) float64 array
+            (0, 0, 1).
+        radius : float
+            0.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
+        >>> up = np.tile([0.0, 0.0, 1.0], (3, 1))
+        >>> faces = np.array([[0, 1, 2]], np.int32)
+        >>> ground = intaglio.SmoothBase(vertices=corners, faces=faces, normals=up, relief_scale=1.0)
+        >>> ground.kernel_parameters
+        (3, array([0., 0., 0.]), array([0., 0., 1.]), 0.0)
+        """
         return 3, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0
 
     @property
     def parameters(self) -> dict[str, object]:
-        """See `Base.parameters`."""
+        """Parameters of the base by name.
+
+        Returns
+        -------
+        dict of str to object
+            The float ``relief scale`` and, as text, the number of ``vertices``.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]])
+        >>> up = np.tile([0.0, 0.0, 1.0], (3, 1))
+        >>> faces = np.array([[0, 1, 2]], np.int32)
+        >>> ground = intaglio.SmoothBase(vertices=corners, faces=faces, normals=up, relief_scale=1.0)
+        >>> ground.parameters
+        {'relief scale': 1.0, 'vertices': '3'}
+        """
         return {"relief scale": self.relief_scale, "vertices": str(len(self.vertices))}

@@ -18,38 +18,66 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Surface:
-    """A triangulated surface: smooth base + relief (+ colour, provenance).
+    """Triangulated surface as smooth base plus relief, with colour and provenance.
+
+    The vertices are stored and the relief is derived from them, so that measured vertices keep their bits.
 
     Parameters
     ----------
     vertices : (N, 3) array
         Positions in the input's own unit, kept as float64.
-    faces : (F, 3) integer array
+    faces : (F, 3) int array
         Triangles, counter-clockwise seen from outside.
     base : (N, 3) array, optional
-        Point of the smooth base below every vertex; default the vertex itself (a scan just read has no base yet).
+        Point of the smooth base below every vertex. Default the vertex itself: a scan just read has no base yet.
     normal : (N, 3) array, optional
-        Unit normal of the base there; default from the faces.
-    color : (N, 3) array, optional
-        Linear Rec.709, float32 in [0, 1].
+        Unit normal of the base there. Default the area-weighted normals of the faces.
+    color : (N, 3) array or None, optional
+        Linear Rec.709 colours in [0, 1], kept as float32. Default None: no colours.
     measured : (N,) bool array, optional
-        True where the vertex was measured, False where it was filled; default all True.
+        True where the vertex was measured, False where it was filled. Default all True.
     source : (N,) int32 array, optional
-        The measured vertex whose relief vertex i carries: itself where measured, -1 where not yet filled.
-    rotation : (N,) float32 array, optional
-        By how much the source's neighbourhood was turned about the normal to match, in radians; 0 where measured.
-    error : (N,) float32 array, optional
-        Matching error of the accepted match: weighted mean squared distance, in squared input units; 0 where measured,
-        infinite where no sample could be compared and a neighbour's relief was taken.
-    model : Base, optional
-        The base shape, where there is one.
-    notes : tuple of str
-        What was chosen on the way, for the user.
+        The measured vertex whose relief vertex i carries: itself where measured, -1 where not yet filled. Default so.
+    rotation : (N,) float32 array or None, optional
+        Angle in radians by which the source's neighbourhood was turned about the normal to match; 0 where measured.
+        Default None: nothing was matched.
+    error : (N,) float32 array or None, optional
+        Error of the accepted match: weighted mean squared distance, in the square of the input's unit; 0 where measured,
+        infinite where no sample could be compared and a neighbour's relief was taken. Default None: nothing was matched.
+    model : Base or None, optional
+        The base shape. Default None: there is none yet.
+    notes : tuple of str, optional
+        What was chosen on the way, as sentences for the user. Default none.
 
     Raises
     ------
     InputError
-        For arrays of the wrong shape, coordinates that are not finite, or face indices out of range.
+        For arrays of the wrong shape or type, coordinates that are not finite, or face indices or sources out of range.
+
+    See Also
+    --------
+    intaglio.read_surface : Read a surface from a file.
+    intaglio.complete_relief : Fill a surface's holes with relief.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> square.normal
+    array([[0., 0., 1.],
+           [0., 0., 1.],
+           [0., 0., 1.],
+           [0., 0., 1.]])
+    >>> square.measured
+    array([ True,  True,  True,  True])
+
+    With a base, the surface has relief:
+
+    >>> raised = intaglio.Surface(vertices=corners + [0, 0, 0.5], faces=square.faces, base=corners)
+    >>> raised.relief
+    array([0.5, 0.5, 0.5, 0.5])
     """
 
     vertices: Array
@@ -100,22 +128,113 @@ class Surface:
 
     @property
     def displacement(self) -> Array:
-        """Vertices minus base, (N, 3): the papers' vector D."""
+        """Vectors from the base to the vertices.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            Vertices minus base, in the input's unit of length.
+
+        References
+        ----------
+        Breckon & Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12),
+        2008, section 2: the displacement vector D.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        >>> raised = intaglio.Surface(vertices=corners + [0, 0, 0.5], faces=np.array([[0, 1, 2]]), base=corners)
+        >>> raised.displacement[0]
+        array([0. , 0. , 0.5])
+        """
         return self.vertices - self.base
 
     @property
     def relief(self) -> Array:
-        """Signed displacement along the base normal, (N,), in the input's unit."""
+        """Signed displacements along the base's normals.
+
+        Returns
+        -------
+        (N,) float64 array
+            Displacements in the input's unit of length, positive on the side that the normal points to.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+        >>> lowered = intaglio.Surface(vertices=corners - [0, 0, 0.5], faces=np.array([[0, 1, 2]]), base=corners)
+        >>> lowered.relief
+        array([-0.5, -0.5, -0.5])
+        """
         return np.einsum("ij,ij->i", self.displacement, self.normal)
 
     def write(self, path: PathLike, *, overwrite: bool = True) -> None:
-        """Write the surface; provenance is kept in PLY. See `intaglio.write_surface`."""
+        """Write the surface to a file; PLY keeps its base and provenance.
+
+        Parameters
+        ----------
+        path : path
+            The file; its suffix decides the type: .ply, .obj, .stl, .off, .gltf, .glb.
+        overwrite : bool, optional
+            Replace a file of that name. Default True.
+
+        Raises
+        ------
+        FileError
+            If the suffix is unknown, the file exists and may not be replaced, or can't be written.
+        InputError
+            If coordinates are too large for the type's single precision, or the type needs faces and there are none.
+
+        See Also
+        --------
+        intaglio.write_surface : The same as a function, with what each type keeps.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import numpy as np
+        >>> import intaglio
+        >>> surface = intaglio.Surface(vertices=np.eye(3), faces=np.array([[0, 1, 2]]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     surface.write(f"{folder}/triangle.ply")
+        ...     back = intaglio.read_surface(f"{folder}/triangle.ply")
+        >>> np.array_equal(back.vertices, surface.vertices)
+        True
+        """
         write_surface(self, path, overwrite=overwrite)
 
     def part(self, keep: Array) -> Surface:
-        """Return the part whose vertices ``keep`` (N,) bool selects, with the faces all of whose corners are kept.
+        """Return the part of the surface that consists of selected vertices.
 
-        Vertices are renumbered; a source outside the part becomes -1.
+        Faces stay if all of their corners do. Vertices are renumbered; a source outside the part becomes -1.
+
+        Parameters
+        ----------
+        keep : (N,) bool array
+            Which vertices to keep.
+
+        Returns
+        -------
+        Surface
+            The part, with the same model and notes.
+
+        Raises
+        ------
+        InputError
+            If ``keep`` is not a bool array with one value per vertex.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> half = square.part(np.array([True, False, True, True]))
+        >>> half.faces
+        array([[0, 1, 2]], dtype=int32)
         """
         keep = np.asarray(keep)
         if keep.shape != (len(self.vertices),) or keep.dtype != bool:
@@ -138,7 +257,7 @@ class Surface:
 
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
-    """Return area-weighted unit normals (N, 3); (0, 0, 1) where no face of any area meets."""
+    """Return area-weighted unit normals (N, 3) at the vertices; (0, 0, 1) where no face with an area meets."""
     faces = np.asarray(faces)
     normal = np.zeros((len(vertices), 3))
     corners = vertices[faces]
@@ -153,7 +272,7 @@ def _faces(value: Array, count: int) -> Array:
     try:
         array = np.asarray(value)
     except ValueError as problem:
-        raise InputError(f"faces are no (F, 3) array of integers ({problem})") from problem
+        raise InputError(f"faces are not an (F, 3) array of integers ({problem})") from problem
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"faces must have shape (F, 3), not {array.shape}; polygons with more corners must be triangulated")
     if array.size and not np.issubdtype(array.dtype, np.integer):

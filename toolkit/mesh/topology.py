@@ -1,4 +1,4 @@
-"""Connectivity of triangle meshes: edges, borders, pieces, neighbours. Pure index work on faces (F, 3)."""
+"""Connectivity of triangle meshes: edges, borders, pieces and neighbours, from the indices of faces (F, 3) alone."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def edge_keys(edges: Array, count: int) -> Array:
 
 
 def opposite_edges(faces: Array, count: int) -> Array:
-    """Return, for each directed edge in the order of `directed_edges`, the number of the one that runs back, or -1: (3F,)."""
+    """Return the number (3F,) of the opposite edge of every directed edge in the order of `directed_edges`, or -1."""
     edges = directed_edges(faces)
     keys, back = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
     sorter = np.argsort(keys, kind="stable")
@@ -41,7 +41,7 @@ def opposite_edges(faces: Array, count: int) -> Array:
 
 
 def following(edges: Array) -> Array:
-    """Return the next directed edge about the face of each, by number as in `directed_edges`; also the next corner."""
+    """Return the number of the edge that follows each directed edge around its face; the same holds for corners."""
     return np.asarray(edges // 3 * 3 + (edges + 1) % 3)
 
 
@@ -61,10 +61,10 @@ def border_edges(faces: Array) -> Array:
 
 
 def border_loops(faces: Array) -> list[Array]:
-    """Return the closed border loops as arrays of vertex indices, longest first.
+    """Return the closed border loops as arrays of vertex indices, those of most vertices first.
 
-    At a vertex where the border touches itself the walk stays on the fan of faces it is on, as far as the index order
-    tells; every border edge belongs to exactly one loop.
+    Every border edge belongs to exactly one loop. Where the border touches itself in a vertex, the loop goes on along the
+    last border edge from there that has not been used.
     """
     following: dict[int, list[int]] = {}
     for a, b in border_edges(faces):
@@ -85,7 +85,7 @@ def border_loops(faces: Array) -> list[Array]:
 
 
 def pieces(faces: Array, count: int) -> tuple[int, Array]:
-    """Return the number of connected pieces and the piece (count,) of every vertex; unused vertices are pieces of one."""
+    """Return the number of connected pieces and the piece (count,) of every vertex; an unused vertex is a piece by itself."""
     e = directed_edges(faces)
     graph = coo_array((np.ones(len(e), bool), (e[:, 0], e[:, 1])), shape=(count, count))
     number, label = connected_components(graph, directed=False)
@@ -139,7 +139,7 @@ class Topology:
 
 
 def largest_faces(faces: Array, points: Array) -> Array:
-    """Return the largest face at every vertex, (N,): one with an area, if there is any; 0 where no face is.
+    """Return the number (N,) of the largest face at every vertex; 0 for a vertex without faces.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def largest_faces(faces: Array, points: Array) -> Array:
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     order = np.argsort(area, kind="stable")
     largest = np.zeros(len(points), np.int32)
-    # The last of several numbers for one vertex stands.
+    # Of several values for one vertex the last is kept, which is the largest face.
     largest[faces[order].reshape(-1)] = np.repeat(order, 3)
     return largest
 

@@ -26,24 +26,49 @@ _COARSE = 1e-3
 
 
 def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -> None:
-    """Write a surface.
+    """Write a surface to a file.
 
     PLY (binary, double precision) keeps everything: per vertex ``base_x`` … ``base_z``, ``nx`` … ``nz`` (the base's normal),
     ``measured``, ``source``, ``rotation``, ``error`` and ``red``, ``green``, ``blue`` (8-bit sRGB, for other programs) with
-    ``linear_red`` … (float, what is read back); the model and the notes as comments. The other types keep what they have
-    room for: OBJ and OFF all digits, STL and glTF single precision.
+    ``linear_red`` … (float, what is read back); the model and the notes as comments. The other types keep positions,
+    faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single precision.
+
+    Parameters
+    ----------
+    surface : Surface
+        What to write.
+    path : path
+        The file; its suffix decides the type: .ply, .obj, .stl, .off, .gltf, .glb. It appears whole, or stays as it was.
+    overwrite : bool, optional
+        Replace a file of that name. Default True.
 
     Raises
     ------
     FileError
-        For an unknown type, or if the file can't be written.
+        If the suffix is unknown, the file exists and may not be replaced, or can't be written.
     InputError
-        If coordinates are too large for the format's single precision, or a format needs faces and there are none.
+        If coordinates are too large for the type's single precision, or the type needs faces and there are none.
 
     Warns
     -----
     IntaglioWarning
-        If STL or glTF, whose coordinates are 32-bit floats, would round them visibly.
+        If the single precision of STL or glTF would round coordinates visibly: to steps of more than a thousandth of the
+        median edge.
+
+    Examples
+    --------
+    A PLY comes back bit for bit, with its base:
+
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    >>> surface = intaglio.Surface(vertices=corners + [0, 0, 0.1], faces=np.array([[0, 1, 2]]), base=corners)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     intaglio.write_surface(surface, f"{folder}/relief.ply")
+    ...     back = intaglio.read_surface(f"{folder}/relief.ply")
+    >>> back.relief
+    array([0.1, 0.1, 0.1])
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -61,7 +86,7 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
 
 
 def check_single_precision(surface: Surface, path: Path) -> None:
-    """Raise `InputError` for coordinates that 32-bit floats can't hold, warn of those they round visibly."""
+    """Raise `InputError` for coordinates too large for 32-bit floats, and warn where these would round them visibly."""
     largest = float(np.abs(surface.vertices).max(initial=0))
     if largest > float(np.finfo(np.float32).max):
         raise InputError(f"{path}: coordinates up to {largest:.3g} don't fit {path.suffix}'s single precision; write .ply")
@@ -109,7 +134,7 @@ def _write_ply(surface: Surface, path: Path) -> None:
 
 
 def color_fields(color: Array) -> list[tuple[str, str, Array]]:
-    """Return the PLY properties of linear colours (N, 3): 8-bit sRGB for other programs, and what is read back."""
+    """Return the PLY properties of linear colours (N, 3): 8-bit sRGB for other programs, and the floats that are read back."""
     shown = np.round(encode_srgb(color) * 255).astype(np.uint8)
     names = ("red", "green", "blue")
     fields: list[tuple[str, str, Array]] = [(name, "uchar", shown[:, i]) for i, name in enumerate(names)]
@@ -117,7 +142,7 @@ def color_fields(color: Array) -> list[tuple[str, str, Array]]:
 
 
 def ply_table(fields: list[tuple[str, str, Array]], count: int) -> tuple[Array, list[str]]:
-    """Return the binary table of a PLY element's (name, type, values), and the header's lines of its properties."""
+    """Return the binary table of a PLY element and the header's lines that declare its properties (name, type, values)."""
     types = {"double": "<f8", "float": "<f4", "uchar": "u1", "int": "<i4"}
     table = np.empty(count, [(name, types[kind]) for name, kind, _ in fields])
     for name, _, value in fields:

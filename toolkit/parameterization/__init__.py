@@ -2,15 +2,16 @@
 
 from intaglio.parameterization.flattening import parameterize
 from intaglio.parameterization.options import BOUNDARIES, ENERGIES
-from intaglio.parameterization.pictures import checkerboard, figures, layout_picture
-from intaglio.parameterization.result import Parameterization
+from intaglio.parameterization.pictures import checkerboard, describe_parameterization, layout_picture
+from intaglio.parameterization.result import Parameterization, measure_parameterization
 
 __all__ = [
     "BOUNDARIES",
     "ENERGIES",
     "Parameterization",
     "checkerboard",
-    "figures",
+    "describe_parameterization",
     "layout_picture",
+    "measure_parameterization",
     "parameterize",
 ]

@@ -54,7 +54,7 @@ def flat_edges(vertices: Array, faces: Array) -> Array:
     return edges
 
 
-def inverses(matrices: Array) -> Array:
+def invert_matrices(matrices: Array) -> Array:
     """Return the inverses of 2 x 2 matrices (F, 2, 2)."""
     a, b, c, d = (matrices[:, i, j] for i in range(2) for j in range(2))
     det = a * d - b * c

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 from intaglio.arrays import Array
 from intaglio.errors import InputError
-from intaglio.parameterization.charts import Chart, doubled_texture_areas, flat_edges, inverses, squared_stretches
+from intaglio.parameterization.charts import Chart, doubled_texture_areas, flat_edges, invert_matrices, squared_stretches
 
 
 def convex_border(chart: Chart, shape: str) -> Array:
@@ -125,7 +125,7 @@ def _per_edge(chart: Chart, ahead: Array, behind: Array, *, inverse_power: int) 
     return csr_array(table)
 
 
-def relaxed(chart: Chart, shape: str, importance: Array, *, most: int = 30) -> Array:
+def relax_stretch(chart: Chart, shape: str, importance: Array, *, most: int = 30) -> Array:
     """Return an embedding (N, 2) without flips and of low stretch, as a start for the minimisation.
 
     Weights are divided by the stretch found at each neighbour, and the system is solved again while the stretch falls
@@ -140,9 +140,9 @@ def relaxed(chart: Chart, shape: str, importance: Array, *, most: int = 30) -> A
     most : int
         Solves, at most.
     """
-    uv, weights = embedded(chart, shape)
+    uv, weights = embed_without_flips(chart, shape)
     border = uv[chart.loop]
-    rest = inverses(flat_edges(chart.vertices, chart.faces))
+    rest = invert_matrices(flat_edges(chart.vertices, chart.faces))
     squared = squared_stretches(uv, chart.faces, rest)
     for _ in range(most):
         corners = chart.faces.reshape(-1)
@@ -162,7 +162,7 @@ def relaxed(chart: Chart, shape: str, importance: Array, *, most: int = 30) -> A
     return uv
 
 
-def embedded(chart: Chart, shape: str) -> tuple[Array, csr_array]:
+def embed_without_flips(chart: Chart, shape: str) -> tuple[Array, csr_array]:
     """Return an embedding (N, 2) without flips, by mean values, or by uniform weights where rounding flips a triangle.
 
     Also the weights, (N, N).

@@ -19,14 +19,14 @@ from intaglio.parameterization.charts import (
     doubled_areas,
     doubled_texture_areas,
     flat_edges,
-    inverses,
+    invert_matrices,
 )
-from intaglio.parameterization.embedding import convex_border, embed, embedded, intrinsic_weights, relaxed
-from intaglio.parameterization.minimise import minimised
+from intaglio.parameterization.embedding import convex_border, embed, embed_without_flips, intrinsic_weights, relax_stretch
+from intaglio.parameterization.minimize import minimize_distortion
 from intaglio.parameterization.options import Options
-from intaglio.parameterization.result import Parameterization, measured
+from intaglio.parameterization.result import Parameterization, measure_parameterization
 from intaglio.parameterization.seams import cut_open, edge_graph, joining_seam, longest_way, path_between
-from intaglio.parameterization.topology_check import Kind, kind_of
+from intaglio.parameterization.topology_check import Kind, classify_topology
 
 # Powers by which the largest stretch is approached, from the mean square on.
 _POWERS = (4.0, 8.0, 16.0, 32.0)
@@ -58,7 +58,7 @@ _MOST_SEAMS = 12
 
 
 def parameterize(
-    mesh: Surface,
+    surface: Surface,
     energy: str = "stretch",
     *,
     boundary: str = "free",
@@ -79,7 +79,7 @@ def parameterize(
 
     Parameters
     ----------
-    mesh : Surface
+    surface : Surface
     energy : {"stretch", "stretch-max", "mips", "intrinsic", "mean-value"}
         What is minimised: the L2 geometric stretch; the largest stretch, approached by high powers; the conformal MIPS
         energy; the linear intrinsic mixture (with a fixed boundary; may flip triangles, which are counted); or only the
@@ -130,33 +130,33 @@ def parameterize(
     >>> round(laid.l2_stretch, 6), laid.flips
     (1.0, 0)
     """
-    options = Options(mesh, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
+    options = Options(surface, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
     chosen = device_or_error(device)
-    kind = kind_of(mesh)
+    kind = classify_topology(surface)
     if kind.pieces > 1 or kind.genus > 0:
-        uv, faces, vertex = atlas(mesh.vertices, mesh.faces)
+        uv, faces, vertex = atlas(surface.vertices, surface.faces)
         note = f"{kind.describe()}: no single chart can hold it; charts by xatlas, without energy, boundary and view"
-        found = measured(mesh, uv, faces, vertex, (note,))
-        return _noted(found, f"{found.charts} charts")
+        found = measure_parameterization(surface, uv, faces, vertex, (note,))
+        return _add_note(found, f"{found.charts} charts")
     notes: list[str] = []
-    bridged = _bridged(mesh, kind, notes)
+    bridged = _bridge_holes(surface, kind, notes)
     cost = (
         None
         if options.seam_cost is None
-        else np.pad(options.seam_cost, (0, len(bridged.vertices) - len(mesh.vertices)), mode="mean")
+        else np.pad(options.seam_cost, (0, len(bridged.vertices) - len(surface.vertices)), mode="mean")
     )
     graph = edge_graph(bridged.vertices, bridged.faces, cost)
     seam = _first_seam(bridged, graph, notes)
-    best = _one_chart(options, bridged, seam, tuple(notes), chosen, progress)
+    best = _flatten_chart(options, bridged, seam, tuple(notes), chosen, progress)
     if max_stretch is None:
         return best
     seams = 0
     while best.l2_stretch > max_stretch and seams < _MOST_SEAMS:
-        longer = _with_another_seam(bridged, graph, seam, best)
+        longer = _lengthen_seam(bridged, graph, seam, best)
         if len(longer) == len(seam):
             break
         try:
-            found = _one_chart(options, bridged, longer, tuple(notes), chosen, progress)
+            found = _flatten_chart(options, bridged, longer, tuple(notes), chosen, progress)
         except InputError:
             # What was found before is valid; a seam that leaves no chart is not cut.
             break
@@ -164,7 +164,7 @@ def parameterize(
         # A seam that does not help at once may with the next one.
         if found.l2_stretch < best.l2_stretch:
             best = found
-    return _noted(best, f"{seams} seams cut to lower the stretch to {best.l2_stretch:.3f}") if seams else best
+    return _add_note(best, f"{seams} seams cut to lower the stretch to {best.l2_stretch:.3f}") if seams else best
 
 
 @dataclass(frozen=True)
@@ -176,16 +176,16 @@ class _Bridged:
     loops: list[Array]
 
 
-def _bridged(mesh: Surface, kind: Kind, notes: list[str]) -> _Bridged:
+def _bridge_holes(surface: Surface, kind: Kind, notes: list[str]) -> _Bridged:
     """Return the mesh with small holes closed, and its other border loops."""
-    points, fans = [mesh.vertices], [mesh.faces]
+    points, fans = [surface.vertices], [surface.faces]
     loops = kind.loops[:1]
     for loop in kind.loops[1:]:
-        if not _is_small(mesh, loop, kind.loops[0]):
+        if not _is_small(surface, loop, kind.loops[0]):
             loops.append(loop)
             continue
         hub = sum(len(p) for p in points)
-        points.append(mesh.vertices[loop].mean(axis=0, keepdims=True))
+        points.append(surface.vertices[loop].mean(axis=0, keepdims=True))
         fans.append(np.stack([np.roll(loop, -1), loop, np.full(len(loop), hub)], axis=1).astype(np.int32))
     if len(fans) > 1:
         notes.append(f"{len(fans) - 1} small holes bridged while laying flat; they stay holes")
@@ -204,35 +204,35 @@ def _first_seam(bridged: _Bridged, graph: csr_array, notes: list[str]) -> Array:
     return seam
 
 
-def _is_small(mesh: Surface, loop: Array, longest: Array) -> bool:
-    size = np.sqrt(doubled_areas(mesh.vertices, mesh.faces).sum() / 2)
-    return bool(_length(mesh, loop) < _SMALL_HOLE * min(size, _length(mesh, longest)))
+def _is_small(surface: Surface, loop: Array, longest: Array) -> bool:
+    size = np.sqrt(doubled_areas(surface.vertices, surface.faces).sum() / 2)
+    return bool(_length(surface, loop) < _SMALL_HOLE * min(size, _length(surface, longest)))
 
 
-def _length(mesh: Surface, loop: Array) -> float:
-    return float(np.linalg.norm(mesh.vertices[loop] - mesh.vertices[np.roll(loop, -1)], axis=1).sum())
+def _length(surface: Surface, loop: Array) -> float:
+    return float(np.linalg.norm(surface.vertices[loop] - surface.vertices[np.roll(loop, -1)], axis=1).sum())
 
 
-def _one_chart(
+def _flatten_chart(
     options: Options, bridged: _Bridged, seam: Array, notes: tuple[str, ...], device: str, progress: Progress | None
 ) -> Parameterization:
     """Cut the mesh along ``seam``, lay it flat, and leave the bridges over holes out again."""
-    mesh = options.mesh
+    surface = options.surface
     faces, origin = cut_open(bridged.faces, len(bridged.vertices), seam)
     vertices = bridged.vertices[origin]
     # Units and survey coordinates are left behind: what follows is of size 1.
     size = float(np.sqrt(doubled_areas(bridged.vertices, bridged.faces).sum()))
     chart = Chart((vertices - vertices.mean(axis=0)) / size, faces, _outer_loop(faces))
-    weight = np.concatenate([options.importance, np.full(len(faces) - len(mesh.faces), _BRIDGE)])
-    uv = _laid_flat(options, chart, weight, device, progress)
-    own = faces[: len(mesh.faces)]
+    weight = np.concatenate([options.importance, np.full(len(faces) - len(surface.faces), _BRIDGE)])
+    uv = _flatten(options, chart, weight, device, progress)
+    own = faces[: len(surface.faces)]
     used = np.zeros(len(origin), bool)
     used[own] = True
     own = (np.cumsum(used) - 1).astype(np.int32)[own]
     uv, origin = uv[used], origin[used]
     if options.boundary == "free" and options.energy not in ("intrinsic", "mean-value"):
-        uv = _squared_up(uv)
-    return measured(mesh, uv, own, origin, notes)
+        uv = _fit_to_square(uv)
+    return measure_parameterization(surface, uv, own, origin, notes)
 
 
 def _outer_loop(faces: Array) -> Array:
@@ -245,11 +245,11 @@ def _outer_loop(faces: Array) -> Array:
     return loops[0].astype(np.int64)
 
 
-def _laid_flat(options: Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
+def _flatten(options: Options, chart: Chart, weight: Array, device: str, progress: Progress | None) -> Array:
     """Return texture positions (N, 2) of a disk."""
     fixed = "circle" if options.boundary == "free" else options.boundary
     if options.energy == "mean-value":
-        return embedded(chart, fixed)[0]
+        return embed_without_flips(chart, fixed)[0]
     if options.energy == "intrinsic":
         uv = embed(intrinsic_weights(chart, options.conformal), chart, convex_border(chart, fixed))
         flat = int((doubled_texture_areas(uv, chart.faces) == 0).sum())
@@ -260,12 +260,12 @@ def _laid_flat(options: Options, chart: Chart, weight: Array, device: str, progr
     share = area / area.sum()
     weight = weight * share
     weight /= weight.sum()
-    uv = relaxed(chart, fixed, weight)
+    uv = relax_stretch(chart, fixed, weight)
     # The energy's optimum has as much area in the texture as on the surface, in units of the surface's.
     scale = np.sqrt(area.sum() / doubled_texture_areas(uv, chart.faces).sum())
     uv = uv * scale
     corner = flat_edges(chart.vertices, chart.faces)
-    rest = inverses(corner)
+    rest = invert_matrices(corner)
     longest = np.max(
         [
             corner[:, 0, 0],
@@ -290,7 +290,7 @@ def _laid_flat(options: Options, chart: Chart, weight: Array, device: str, progr
             strictness=strictness,
             device=device,
         )
-        uv, _ = minimised(
+        uv, _ = minimize_distortion(
             chart,
             distortion,
             uv,
@@ -316,7 +316,7 @@ def _safe_areas(chart: Chart) -> Array:
     return np.maximum(area, 1e-6 * float(area.mean()))
 
 
-def _squared_up(uv: Array) -> Array:
+def _fit_to_square(uv: Array) -> Array:
     """Return the chart turned to fit the smallest square, in [MARGIN, 1 - MARGIN]^2."""
     best, fitted = np.inf, uv
     for angle in np.radians(np.arange(90)):
@@ -329,7 +329,7 @@ def _squared_up(uv: Array) -> Array:
     return 0.5 + (fitted - middle) * (1 - 2 * MARGIN) / best
 
 
-def _with_another_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: Parameterization) -> Array:
+def _lengthen_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: Parameterization) -> Array:
     """Return the seam, longer by the way to where the stretch is highest, over neighbourhoods of some rings."""
     count = len(bridged.vertices)
     own = bridged.faces[: len(found.faces)]
@@ -346,5 +346,5 @@ def _with_another_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: 
     return np.concatenate([seam, path_between(graph, int(np.argmax(mean)), open_now)])
 
 
-def _noted(found: Parameterization, note: str) -> Parameterization:
+def _add_note(found: Parameterization, note: str) -> Parameterization:
     return replace(found, notes=(*found.notes, note))

@@ -19,7 +19,7 @@ class Options:
 
     def __init__(
         self,
-        mesh: Surface,
+        surface: Surface,
         energy: str,
         boundary: str,
         view: ArrayLike | None,
@@ -29,7 +29,7 @@ class Options:
         conformal: float,
         iterations: int,
     ) -> None:
-        if not isinstance(mesh, Surface):
+        if not isinstance(surface, Surface):
             raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
         checked_choice("energy", energy, ENERGIES)
         checked_choice("boundary", boundary, BOUNDARIES)
@@ -42,17 +42,17 @@ class Options:
         ):
             if isinstance(number, bool) or not isinstance(number, int | float | np.number) or not low <= number <= high:
                 raise InputError(f"{name} must be a number from {low:g} to {high:g}, not {number!r}")
-        self.mesh, self.energy, self.boundary = mesh, energy, boundary
+        self.surface, self.energy, self.boundary = surface, energy, boundary
         self.shape_threshold, self.conformal, self.iterations = float(shape_threshold), float(conformal), int(iterations)
-        self.importance = np.ones(len(mesh.faces))
+        self.importance = np.ones(len(surface.faces))
         self.seam_cost: Array | None = None
         if view is not None:
             towards = _direction(view)
-            corner = mesh.vertices[mesh.faces]
+            corner = surface.vertices[surface.faces]
             normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
             normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
             self.importance = 1 / (importance - normal @ towards)
-            facing = vertex_normals(mesh.vertices, mesh.faces) @ towards
+            facing = vertex_normals(surface.vertices, surface.faces) @ towards
             self.seam_cost = 1 + 4 * np.maximum(facing + 0.5, 0)
 
 

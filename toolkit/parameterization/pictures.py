@@ -20,39 +20,39 @@ def checkerboard(size: int = 1024, squares: int = 32) -> Array:
     return np.asarray(decode_srgb(np.where(light[:, :, None], 0.75 + 0.25 * hue, 0.15 + 0.4 * hue)))
 
 
-def layout_picture(laid: Parameterization, size: int = 768) -> Array:
+def layout_picture(uv: Parameterization, size: int = 768) -> Array:
     """Return the chart or charts (size, size, 3), linear: triangles coloured by their stretch, blue 1 to red 2 and more."""
     from intaglio.kernels.texels import rasterize
 
-    face, _ = rasterize(laid.uv, laid.faces, size, size, "cpu")
-    amount = np.clip(laid.face_stretch[face] - 1, 0, 1)[:, :, None]
+    face, _ = rasterize(uv.uv, uv.faces, size, size, "cpu")
+    amount = np.clip(uv.face_stretch[face] - 1, 0, 1)[:, :, None]
     low, middle, high = (np.array(c) for c in ((0.25, 0.45, 0.8), (0.95, 0.9, 0.6), (0.8, 0.2, 0.15)))
     shade = np.where(amount < 0.5, low + 2 * amount * (middle - low), middle + (2 * amount - 1) * (high - middle))
     return np.asarray(decode_srgb(np.where((face >= 0)[:, :, None], shade, 1.0)))
 
 
-def figures(laid: Parameterization, mesh: Surface, view: ArrayLike | None = None) -> list[str]:
+def describe_parameterization(uv: Parameterization, surface: Surface, view: ArrayLike | None = None) -> list[str]:
     """Return the figures of a parameterization in words."""
-    ratio = laid.shape_ratio
+    ratio = uv.shape_ratio
     lines = [
-        f"{laid.charts} chart{'s' if laid.charts > 1 else ''}, {laid.flips} flipped triangles",
-        f"L2 stretch {laid.l2_stretch:.4f}, largest stretch {laid.linf_stretch:.3g} (1 is the optimum)",
+        f"{uv.charts} chart{'s' if uv.charts > 1 else ''}, {uv.flips} flipped triangles",
+        f"L2 stretch {uv.l2_stretch:.4f}, largest stretch {uv.linf_stretch:.3g} (1 is the optimum)",
         f"height over longest side of triangles: median {np.median(ratio):.3f}, least {ratio.min():.3g}",
         f"texture used: {50 * np.abs(doubled_texture_areas(laid.uv, laid.faces)).sum():.1f} %",
     ]
     if view is not None:
-        for name, surface, texture in area_by_view(laid, mesh, view):
-            lines.append(f"{name}: {100 * surface:.1f} % of the surface, {100 * texture:.1f} % of the texture")
-    return [*lines, *laid.notes]
+        for name, seen, used in area_by_view(uv, surface, view):
+            lines.append(f"{name}: {100 * seen:.1f} % of the surface, {100 * used:.1f} % of the texture")
+    return [*lines, *uv.notes]
 
 
-def area_by_view(laid: Parameterization, mesh: Surface, view: ArrayLike) -> list[tuple[str, float, float]]:
+def area_by_view(uv: Parameterization, surface: Surface, view: ArrayLike) -> list[tuple[str, float, float]]:
     """Return what faces a view, is seen from the side, and faces away: its share of the surface and of the texture."""
     towards = np.asarray(view, np.float64)
     towards = towards / np.linalg.norm(towards)
-    corner = mesh.vertices[mesh.faces]
+    corner = surface.vertices[surface.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     facing = (normal @ towards) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
-    surface, texture = doubled_areas(mesh.vertices, mesh.faces), np.abs(doubled_texture_areas(laid.uv, laid.faces))
+    own, texture = doubled_areas(surface.vertices, surface.faces), np.abs(doubled_texture_areas(uv.uv, uv.faces))
     parts = (("facing the view", facing > 0.5), ("seen from the side", np.abs(facing) <= 0.5), ("facing away", facing < -0.5))
-    return [(name, float(surface[m].sum() / surface.sum()), float(texture[m].sum() / texture.sum())) for name, m in parts]
+    return [(name, float(own[m].sum() / own.sum()), float(texture[m].sum() / texture.sum())) for name, m in parts]

@@ -8,7 +8,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.mesh import Surface, pieces
-from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, inverses, squared_stretches
+from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, invert_matrices, squared_stretches
 
 
 @dataclass(frozen=True)
@@ -60,18 +60,20 @@ class Parameterization:
         return len(self.vertex) > int(self.vertex.max()) + 1
 
 
-def measured(mesh: Surface, uv: Array, faces: Array, vertex: Array, notes: tuple[str, ...]) -> Parameterization:
+def measure_parameterization(
+    surface: Surface, uv: Array, faces: Array, vertex: Array, notes: tuple[str, ...]
+) -> Parameterization:
     """Return the parameterization with its figures."""
     _, piece = pieces(faces, len(uv))
     _, chart = np.unique(piece[faces[:, 0]], return_inverse=True)
     chart = chart.reshape(-1)
-    area = doubled_areas(mesh.vertices, mesh.faces)
+    area = doubled_areas(surface.vertices, surface.faces)
     signed = doubled_texture_areas(uv, faces)
     charts = int(chart.max()) + 1
     # Atlases mirror whole charts; a flip is a triangle turned against its own chart.
     handed = np.where(np.bincount(chart, np.sign(signed), charts) < 0, -1.0, 1.0)
     flips = int((signed * handed[chart] <= 0).sum())
-    rest = inverses(flat_edges(mesh.vertices, mesh.faces))
+    rest = invert_matrices(flat_edges(surface.vertices, surface.faces))
     squared = squared_stretches(uv, faces, rest)
     scale = float(np.abs(signed).sum() / area.sum())
     a, b, c = (uv[faces[:, k]] for k in range(3))

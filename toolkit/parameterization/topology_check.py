@@ -40,7 +40,7 @@ class Kind:
         return f"genus {self.genus}, {borders}"
 
 
-def kind_of(mesh: Surface) -> Kind:
+def classify_topology(surface: Surface) -> Kind:
     """Return the topology of a mesh.
 
     Raises
@@ -49,7 +49,7 @@ def kind_of(mesh: Surface) -> Kind:
         For a mesh without faces, with vertices that no face uses, triangles without area, or edges and vertices at which it
         is no surface.
     """
-    vertices, faces = mesh.vertices, mesh.faces
+    vertices, faces = surface.vertices, surface.faces
     if len(faces) == 0:
         raise InputError("the mesh has no faces; there is nothing to lay flat")
     unused = np.flatnonzero(~used_vertices(faces, len(vertices)))

@@ -6,11 +6,11 @@ from intaglio.photographs.camera import Camera, Photograph
 from intaglio.photographs.camera_files import read_photographs
 from intaglio.photographs.combine import combine_photographs
 from intaglio.photographs.exposure import exposure_gains
-from intaglio.photographs.report import pictures, write_texture_report
+from intaglio.photographs.report import textured_views, write_texture_report
 from intaglio.photographs.restored import restore_texture
 from intaglio.photographs.texture import Texture
 from intaglio.photographs.textured_mesh import TEXTURED_SUFFIXES, files_of, write_textured
-from intaglio.photographs.vertex_colors import bound_colors, spread_colors
+from intaglio.photographs.vertex_colors import mean_vertex_colors, spread_colors
 
 __all__ = [
     "BACKGROUND_THRESHOLD",
@@ -22,15 +22,15 @@ __all__ = [
     "ViewComparison",
     "bind_photographs",
     "border_step",
-    "bound_colors",
+    "mean_vertex_colors",
     "combine_photographs",
     "compare_with_photograph",
     "exposure_gains",
     "files_of",
-    "pictures",
     "read_photographs",
     "restore_texture",
     "spread_colors",
+    "textured_views",
     "write_texture_report",
     "write_textured",
 ]

@@ -78,8 +78,8 @@ def border_step(texture: Texture) -> float:
 
 
 def compare_with_photograph(
-    mesh: Surface,
-    laid: Parameterization,
+    surface: Surface,
+    uv: Parameterization,
     image: Array,
     known: Array,
     photograph: Photograph,
@@ -92,8 +92,8 @@ def compare_with_photograph(
 
     Parameters
     ----------
-    mesh : Surface
-    laid : Parameterization
+    surface : Surface
+    uv : Parameterization
     image : (H, W, 3) array
         Linear texture.
     known : (H, W) bool array
@@ -128,12 +128,12 @@ def compare_with_photograph(
     matrix = camera.K.copy()
     matrix[:2] /= reduce
     matrix[:2, 2] += 0.5 / reduce - 0.5
-    size = (truth.shape[1], truth.shape[0])
-    vertices = mesh.vertices[laid.vertex]
+    size = truth.shape[:2]
+    vertices = surface.vertices[uv.vertex]
     views = {"matrix": matrix, "turn": camera.R, "shift": camera.t, "size": size, "samples": samples, "seed": seed}
-    rendered, alpha = through_camera(vertices, laid.faces, laid.uv, image, **views)  # type: ignore[arg-type]
+    rendered, alpha = through_camera(vertices, uv.faces, uv.uv, image, **views)  # type: ignore[arg-type]
     counted = np.repeat(known[:, :, None].astype(np.float32), 3, axis=2)
-    share, _ = through_camera(vertices, laid.faces, laid.uv, counted, **views)  # type: ignore[arg-type]
+    share, _ = through_camera(vertices, uv.faces, uv.uv, counted, **views)  # type: ignore[arg-type]
     shown = (share[:, :, 0] > 0.95) & ndimage.binary_erosion(alpha > 0.99, iterations=_OUTLINE)
     if mask is not None:
         shown &= mask

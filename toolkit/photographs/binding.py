@@ -22,10 +22,13 @@ from intaglio.photographs.camera import Camera, Photograph
 # Distance from the background's colour, of display values, within which a vertex lies on it.
 BACKGROUND_THRESHOLD = 0.06
 
+# Degrees between normal and line of sight from which a vertex is not seen well enough.
+GRAZING = 80.0
+
 # Share of a photograph's border that must have one colour for that to be taken as its background.
 _PLAIN_BORDER = 0.8
 
-# A vertex hides behind nothing nearer than this, in typical edges: its own faces touch it.
+# Nothing nearer than this hides a vertex, in units of the typical edge, since its own faces touch it.
 _CLEARANCE = 0.01
 
 
@@ -70,12 +73,12 @@ class Binding:
 
 
 def bind_photographs(
-    mesh: Surface,
+    surface: Surface,
     photographs: Sequence[Photograph],
     *,
     background: str | ArrayLike | None = "auto",
     background_threshold: float = BACKGROUND_THRESHOLD,
-    grazing: float = 80.0,
+    grazing: float = GRAZING,
     device: str | None = None,
     progress: Progress | None = None,
 ) -> Binding:
@@ -86,7 +89,7 @@ def bind_photographs(
 
     Parameters
     ----------
-    mesh : Surface
+    surface : Surface
     photographs : sequence of Photograph
     background : "auto", (3,) array or None
         Linear colour of what is behind the object. ``"auto"`` takes that of a photograph's border where nearly all of it has
@@ -119,19 +122,19 @@ def bind_photographs(
     for name, value, most in (("grazing", grazing, 90), ("background_threshold", background_threshold, 2)):
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < value <= most:
             raise InputError(f"{name} must be a number above 0, up to {most}, not {value!r}")
-    if not isinstance(mesh, Surface):
-        raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be a Surface (read_surface gives one), not {type(mesh).__name__}")
     chosen = device_or_error(device)
-    if len(mesh.faces) == 0:
-        raise InputError("the mesh has no faces; photographs can't be bound to points alone")
-    normal = vertex_normals(mesh.vertices, mesh.faces)
-    views = SurfaceViews(mesh.vertices, normal, mesh.faces, chosen)
-    used = used_vertices(mesh.faces, len(mesh.vertices))
-    edges = unique_edges(mesh.faces)
-    typical = float(np.median(np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)))
-    corner = mesh.vertices[mesh.faces]
+    if len(surface.faces) == 0:
+        raise InputError("the surface has no faces; photographs can't be bound to points alone")
+    normal = vertex_normals(surface.vertices, surface.faces)
+    views = SurfaceViews(surface.vertices, normal, surface.faces, chosen)
+    used = used_vertices(surface.faces, len(surface.vertices))
+    edges = unique_edges(surface.faces)
+    typical = float(np.median(np.linalg.norm(surface.vertices[edges[:, 0]] - surface.vertices[edges[:, 1]], axis=1)))
+    corner = surface.vertices[surface.faces]
     facet = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    count = len(mesh.vertices)
+    count = len(surface.vertices)
     shape = (len(photographs), count)
     valid, cosine = np.zeros(shape, bool), np.zeros(shape, np.float32)
     pixel, color = np.zeros((*shape, 2), np.float32), np.zeros((*shape, 3), np.float32)
@@ -139,12 +142,12 @@ def bind_photographs(
     for i, photograph in enumerate(photographs):
         camera = photograph.camera
         image, mask = photograph.read()
-        way = camera.center - mesh.vertices
+        way = camera.center - surface.vertices
         way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
         cosine[i] = np.einsum("ij,ij->i", normal, way)
         away = np.einsum("ij,ij->i", facet, camera.center - corner[:, 0]) <= 0
         silhouette = np.zeros(count, bool)
-        silhouette[mesh.faces[away]] = True
+        silhouette[surface.faces[away]] = True
         height, width = image.shape[:2]
         pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion, camera.reach)
         at, seen = views.visible(pinhole, (width, height), _CLEARANCE * typical)
@@ -156,7 +159,7 @@ def bind_photographs(
         else:
             behind = _background(image, background)
             if behind is not None and found.any():
-                distance = np.linalg.norm(_denoised(image, at[found]) - encode_srgb(behind), axis=1)
+                distance = np.linalg.norm(_denoise(image, at[found]) - encode_srgb(behind), axis=1)
                 on_it = distance <= background_threshold
                 found[found] = ~on_it
                 if on_it.any():
@@ -171,7 +174,7 @@ def bind_photographs(
         else:
             valid[i] = found
             which = np.flatnonzero(found)
-            spacing = 0.5 * typical * _pixels_per_unit(camera.K, way[which], camera.center - mesh.vertices[which])
+            spacing = 0.5 * typical * _pixels_per_unit(camera.K, way[which], camera.center - surface.vertices[which])
             color[i, which] = views.colors(Picture.of(image, chosen), at[which], spacing)
         if progress is not None:
             progress(i + 1, len(photographs))
@@ -232,7 +235,7 @@ def _background(image: Array, background: str | ArrayLike | None) -> Array | Non
     return color
 
 
-def _denoised(image: Array, pixel: Array) -> Array:
+def _denoise(image: Array, pixel: Array) -> Array:
     """Return display colours (M, 3) at pixels: medians of 3 x 3, under a 3 x 3 Gaussian (1 2 1)."""
     height, width = image.shape[:2]
     step = np.arange(-2, 3)

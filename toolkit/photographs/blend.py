@@ -98,8 +98,8 @@ class SplineBlend:
         """
         inside = defined.astype(np.float32)[:, :, None]
         level = uploaded(np.concatenate([color * inside, inside], axis=2), self._device)
-        share = self._softened((mask * defined).astype(np.float32))
-        wide = share if broad is None else self._softened((broad * defined).astype(np.float32))
+        share = self._soften((mask * defined).astype(np.float32))
+        wide = share if broad is None else self._soften((broad * defined).astype(np.float32))
         for number, total in enumerate(self._sums):
             here = normalized(level, self._device)
             if number == _BROAD:
@@ -114,7 +114,7 @@ class SplineBlend:
             else:
                 add_band(here, None, share, total, self._device)
 
-    def _softened(self, mask: Array) -> wp.array:
+    def _soften(self, mask: Array) -> wp.array:
         """Return a mask whose step at a border is a slope some texels long, since the finest band has a step of its own."""
         full = np.ones((*mask.shape, 4), np.float32)
         full[:, :, :3] = mask[:, :, None]

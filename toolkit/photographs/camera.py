@@ -29,7 +29,7 @@ class Camera:
     t : (3,) float64 array
         Translation, in the mesh's unit.
     size : (int, int), optional
-        Width and height of the photograph that was calibrated.
+        Rows and columns of the photograph that was calibrated.
     distortion : (2,) float64 array
         Radial: r (1 + k1 r^2 + k2 r^4) at distance r from the axis, before K.
 
@@ -60,12 +60,12 @@ class Camera:
             object.__setattr__(self, name, value)
         if self.size is not None:
             try:
-                width, height = self.size
-                put_size = (int(width), int(height))
+                rows, columns = self.size
+                put_size = (int(rows), int(columns))
             except (TypeError, ValueError):
                 put_size = (0, 0)
             if min(put_size) < 1 or put_size != tuple(self.size):
-                raise InputError(f"size must be width and height in whole pixels, not {self.size!r}")
+                raise InputError(f"size must be rows and columns in whole pixels, not {self.size!r}")
             object.__setattr__(self, "size", put_size)
         k = self.K / self.K[2, 2] if self.K[2, 2] else self.K
         if not (k[0, 0] > 0 and k[1, 1] > 0 and np.abs(k[[1, 2, 2], [0, 0, 1]]).max() < 1e-6 * k[0, 0] and k[2, 2] == 1):
@@ -147,10 +147,10 @@ class Photograph:
             raise InputError(f"{self.name}: a photograph is (H, W, 3) of at least 4 x 4 pixels, not {values.shape}")
         height, width = values.shape[:2]
         expected = self.camera.size
-        if expected is not None and (width, height) != tuple(expected):
+        if expected is not None and (height, width) != tuple(expected):
             raise InputError(
                 f"{self.name}: the photograph has {width} x {height} pixels, its calibration is for "
-                f"{expected[0]} x {expected[1]}; use the calibrated size"
+                f"{expected[1]} x {expected[0]}; use the calibrated size"
             )
         cx, cy = self.camera.K[:2, 2]
         if expected is None and not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):

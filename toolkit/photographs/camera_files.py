@@ -107,7 +107,7 @@ def _picture(name: str, folders: list[Path], asked_by: Path) -> Path:
     )
 
 
-def _made(name: str, path: Path, values: dict[str, Any], _: list[Path]) -> Camera:
+def _make_photograph(name: str, path: Path, values: dict[str, Any], _: list[Path]) -> Camera:
     try:
         return Camera(**values)
     except InputError as problem:
@@ -142,7 +142,7 @@ def _json_views(path: Path) -> Iterator[_View]:
         if turn.shape != (3, 3):
             raise InputError(f"{path}: view {name}: R must be 3 x 3, not of shape {turn.shape}")
         shift = np.asarray(view["t"], np.float64) if "t" in view else -turn @ np.asarray(view["C"], np.float64).reshape(3)
-        size = (int(view["width"]), int(view["height"])) if {"width", "height"} <= view.keys() else None
+        size = (int(view["height"]), int(view["width"])) if {"width", "height"} <= view.keys() else None
         values = {"K": view["K"], "R": turn, "t": shift, "size": size, "distortion": view.get("distortion", (0.0, 0.0))}
         yield name, partial(_made, name, path, values)
 
@@ -205,7 +205,7 @@ def _colmap_views(path: Path) -> Iterator[_View]:
         terms = (*numbers[focals + 2 : focals + 2 + radial], 0.0, 0.0)[:2]
         cameras[row[0]] = {
             "K": [[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
-            "size": (int(row[2]), int(row[3])),
+            "size": (int(row[3]), int(row[2])),
             "distortion": terms,
         }
     # Two lines a view, the second, with points, possibly empty.
@@ -230,7 +230,7 @@ def _centred(name: str, path: Path, focal: float, values: dict[str, Any], folder
     """Return a camera whose principal point is the middle of its photograph."""
     height, width = read_samples(_picture(name, folders, path)).shape[:2]
     k = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
-    return _made(name, path, {**values, "K": k, "size": (width, height)}, folders)
+    return _make_photograph(name, path, {**values, "K": k, "size": (height, width)}, folders)
 
 
 def _bundler_views(path: Path) -> Iterator[_View]:

@@ -11,7 +11,7 @@ from intaglio.arrays import Array, PathLike
 from intaglio.files import listing, picture_row, table, write_page
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh import Surface
-from intaglio.parameterization import Parameterization, checkerboard, figures, layout_picture
+from intaglio.parameterization import Parameterization, checkerboard, describe_parameterization, layout_picture
 from intaglio.photographs.assess import border_step
 from intaglio.photographs.texture import Texture
 from intaglio.render import frame, lit_texture
@@ -43,9 +43,9 @@ def coverage_picture(texture: Texture) -> Array:
     return np.asarray(decode_srgb(np.where(texture.inside[:, :, None], tint, 1.0)))
 
 
-def viewpoints(mesh: Surface, view: ArrayLike | None) -> list[tuple[str, Array]]:
+def viewpoints(surface: Surface, view: ArrayLike | None) -> list[tuple[str, Array]]:
     """Return (name, direction) of four views about the mesh, the first the given one, or where most of it faces."""
-    corner = mesh.vertices[mesh.faces]
+    corner = surface.vertices[surface.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     front = np.asarray(view, np.float64) if view is not None else normal.sum(axis=0)
     if np.linalg.norm(front) < 1e-3 * np.linalg.norm(normal, axis=1).sum():
@@ -62,22 +62,22 @@ def viewpoints(mesh: Surface, view: ArrayLike | None) -> list[tuple[str, Array]]
     ]
 
 
-def pictures(
-    mesh: Surface, laid: Parameterization, image: Array, view: ArrayLike | None, *, size: tuple[int, int] = (480, 480)
+def textured_views(
+    surface: Surface, uv: Parameterization, image: Array, view: ArrayLike | None, *, size: tuple[int, int] = (480, 480)
 ) -> dict[str, Array]:
     """Return the textured mesh from four sides, evenly lit, linear."""
-    vertices = mesh.vertices[laid.vertex]
+    vertices = surface.vertices[uv.vertex]
     found = {}
-    for name, direction in viewpoints(mesh, view):
-        camera = frame(mesh.vertices[np.unique(mesh.faces)], direction, margin=1.02)
-        found[name] = lit_texture(vertices, laid.faces, laid.uv, image, camera=camera, size=size, samples=24)
+    for name, direction in viewpoints(surface, view):
+        camera = frame(surface.vertices[np.unique(surface.faces)], direction, margin=1.02)
+        found[name] = lit_texture(vertices, uv.faces, uv.uv, image, camera=camera, size=size, samples=24)
     return found
 
 
 def write_texture_report(
     path: PathLike,
-    mesh: Surface,
-    laid: Parameterization,
+    surface: Surface,
+    uv: Parameterization,
     texture: Texture,
     *,
     title: str,
@@ -90,8 +90,8 @@ def write_texture_report(
     ----------
     path : path
         .html.
-    mesh : Surface
-    laid : Parameterization
+    surface : Surface
+    uv : Parameterization
     texture : Texture
     title : str
     view : (3,) sequence, optional
@@ -114,19 +114,19 @@ def write_texture_report(
     flat = {
         "texture": _small(texture.image),
         "photographs it comes from; dark: made up": _small(coverage_picture(texture)),
-        "layout, coloured by stretch": layout_picture(laid),
+        "layout, coloured by stretch": layout_picture(uv),
     }
     write_page(
         path,
         title,
         [
-            picture_row("Textured", pictures(mesh, laid, texture.image, view)),
-            picture_row("Made up, in red", pictures(mesh, laid, made_up, view)),
+            picture_row("Textured", textured_views(surface, uv, texture.image, view)),
+            picture_row("Made up, in red", textured_views(surface, uv, made_up, view)),
             picture_row("Texture", flat),
             listing("Figures", lines),
             table("Photographs", ("photograph", "share of the surface", "exposure factor (red green blue)"), rows),
-            picture_row("Checkerboard", pictures(mesh, laid, checkerboard(), view)),
-            listing("Parameterization", figures(laid, mesh, view)),
+            picture_row("Checkerboard", textured_views(surface, uv, checkerboard(), view)),
+            listing("Parameterization", describe_parameterization(uv, surface, view)),
         ],
     )
 

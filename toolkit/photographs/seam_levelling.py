@@ -8,7 +8,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 
 from intaglio.arrays import Array
 from intaglio.mesh import Surface, directed_edges, following, opposite_edges, unique_edges
-from intaglio.sparse import solved
+from intaglio.sparse import solve_symmetric
 
 # Weight of agreement across a seam, and of leaving vertices as they are, against smoothness along an edge.
 _AGREE, _STAY = 100.0, 0.01
@@ -18,7 +18,7 @@ def level_seams(
     image: Array,
     change: Array,
     inside: Array,
-    mesh: Surface,
+    surface: Surface,
     uv: Array,
     corners: Array,
     face: Array,
@@ -37,7 +37,7 @@ def level_seams(
     image, change : (H, W, 3) arrays
         The texture, and what blending added to the photographs' colours.
     inside : (H, W) bool array
-    mesh : Surface
+    surface : Surface
     uv, corners : (M, 2), (F, 3) arrays
         Texture positions, and the faces' corners among them.
     face, weight : arrays
@@ -45,7 +45,7 @@ def level_seams(
     shown : (F, 3, 3) array, optional
         Colour of the photograph chosen for each face at its corners; None where both sides of a seam show the same.
     """
-    left, right, at_left, at_right = seam_vertices(mesh, corners)
+    left, right, at_left, at_right = seam_vertices(surface, corners)
     if len(left) == 0:
         return image
     count = len(uv)
@@ -62,7 +62,7 @@ def level_seams(
     wanted = np.zeros((count, 3))
     np.add.at(wanted, left, _AGREE * step)
     np.add.at(wanted, right, -_AGREE * step)
-    correction = solved(csr_array(system), wanted, np.zeros_like(wanted)).astype(np.float32)
+    correction = solve_symmetric(csr_array(system), wanted, np.zeros_like(wanted)).astype(np.float32)
     at = np.flatnonzero(face >= 0)
     corner = corners[face.reshape(-1)[at]]
     w = weight.reshape(-1, 2)[at]
@@ -75,13 +75,13 @@ def level_seams(
     return np.maximum(levelled, 0)
 
 
-def seam_vertices(mesh: Surface, corners: Array) -> tuple[Array, Array, Array, Array]:
+def seam_vertices(surface: Surface, corners: Array) -> tuple[Array, Array, Array, Array]:
     """Return pairs (S,) of texture vertices that are one on the mesh, at both ends of every edge that a seam parts.
 
     Also the corners (face times 3 plus place) at which each of a pair was met.
     """
-    edges, texture = directed_edges(mesh.faces), directed_edges(corners)
-    opposite = opposite_edges(mesh.faces, len(mesh.vertices))
+    edges, texture = directed_edges(surface.faces), directed_edges(corners)
+    opposite = opposite_edges(surface.faces, len(surface.vertices))
     paired = np.flatnonzero((opposite >= 0) & (edges[:, 0] < edges[:, 1]))
     there = opposite[paired]
     left = np.concatenate([texture[paired, 0], texture[paired, 1]])

@@ -13,7 +13,7 @@ from intaglio.photographs.binding import Binding
 _ROUNDS = 15
 
 
-def shrunk(common: Array, faces: Array, count: int) -> Array:
+def shrink_regions(common: Array, faces: Array, count: int) -> Array:
     """Return faces (P, F) that are in a photograph's region with all faces around them: without its outmost ring.
 
     References
@@ -28,7 +28,7 @@ def shrunk(common: Array, faces: Array, count: int) -> Array:
     return inner
 
 
-def best_photograph(binding: Binding, faces: Array, allowed: Array) -> Array:
+def choose_photographs(binding: Binding, faces: Array, allowed: Array) -> Array:
     """Return the photograph, (F,), that shows each face with most pixels for its size; -1 where none is ``allowed`` (P, F).
 
     Scores are averaged over neighbourhoods first.

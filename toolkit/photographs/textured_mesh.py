@@ -23,7 +23,7 @@ TEXTURED_SUFFIXES = (".glb", ".gltf", ".obj")
 OUTSIDE, MADE_UP = 0, 1
 
 
-def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path: PathLike) -> list[Path]:
+def write_textured(surface: Surface, uv: Parameterization, texture: Texture, path: PathLike) -> list[Path]:
     """Write a mesh with its texture, and beside it which texels come from which photograph.
 
     The colour picture is 8-bit sRGB. Its alpha says what was photographed (255) and what was made up (254, which no viewer
@@ -32,8 +32,8 @@ def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path
 
     Parameters
     ----------
-    mesh : Surface
-    laid : Parameterization
+    surface : Surface
+    uv : Parameterization
         Of this mesh.
     texture : Texture
     path : path
@@ -55,22 +55,22 @@ def write_textured(mesh: Surface, laid: Parameterization, texture: Texture, path
     kind = path.suffix.lower()
     if kind not in TEXTURED_SUFFIXES:
         raise FileError(f"{path}: a textured mesh can be written as {', '.join(TEXTURED_SUFFIXES)}, not {kind!r}")
-    if not isinstance(laid, Parameterization):
+    if not isinstance(uv, Parameterization):
         raise InputError(f"the parameterization must come from parameterize, it is a {type(laid).__name__}")
-    if len(laid.faces) != len(mesh.faces) or int(laid.vertex.max()) >= len(mesh.vertices):
+    if len(uv.faces) != len(surface.faces) or int(uv.vertex.max()) >= len(surface.vertices):
         raise InputError("the parameterization belongs to another mesh: its faces or vertices are not this one's")
     if kind != ".obj":
-        check_single_precision(mesh, path)
+        check_single_precision(surface, path)
     written = files_of(path)
     for file in written:
         check_writable(file)
     color = np.round(encode_srgb(texture.image) * 255).astype(np.uint8)
     known = np.where(texture.known, 255, 254).astype(np.uint8)
-    vertices = mesh.vertices[laid.vertex]
+    vertices = surface.vertices[uv.vertex]
     if kind == ".obj":
-        _write_obj(vertices, laid, np.dstack([color, known]), *written[:3])
+        _write_obj(vertices, uv, np.dstack([color, known]), *written[:3])
     else:
-        _write_gltf(vertices, laid, np.dstack([color, known]), path)
+        _write_gltf(vertices, uv, np.dstack([color, known]), path)
     _write_picture(coverage_levels(texture), written[-1])
     return written
 
@@ -101,7 +101,7 @@ def _write_picture(pixels: Array, path: Path) -> None:
         _png(pixels).save(beside, "PNG")
 
 
-def _write_gltf(vertices: Array, laid: Parameterization, pixels: Array, path: Path) -> None:
+def _write_gltf(vertices: Array, uv: Parameterization, pixels: Array, path: Path) -> None:
     import trimesh
 
     material = trimesh.visual.material.PBRMaterial(
@@ -112,8 +112,8 @@ def _write_gltf(vertices: Array, laid: Parameterization, pixels: Array, path: Pa
         alphaMode="OPAQUE",
         doubleSided=False,
     )
-    visual = trimesh.visual.TextureVisuals(uv=laid.uv, material=material)
-    textured = trimesh.Trimesh(vertices, laid.faces, visual=visual, process=False)
+    visual = trimesh.visual.TextureVisuals(uv=uv.uv, material=material)
+    textured = trimesh.Trimesh(vertices, uv.faces, visual=visual, process=False)
     if path.suffix.lower() == ".glb":
         data = textured.export(file_type="glb")
     else:
@@ -122,7 +122,7 @@ def _write_gltf(vertices: Array, laid: Parameterization, pixels: Array, path: Pa
         beside.write_bytes(data)
 
 
-def _write_obj(vertices: Array, laid: Parameterization, pixels: Array, path: Path, material: Path, picture: Path) -> None:
+def _write_obj(vertices: Array, uv: Parameterization, pixels: Array, path: Path, material: Path, picture: Path) -> None:
     """Write OBJ, MTL and PNG; MTL can't hold names with spaces."""
     _write_picture(pixels, picture)
     with whole_file(material) as beside:
@@ -130,8 +130,8 @@ def _write_obj(vertices: Array, laid: Parameterization, pixels: Array, path: Pat
     buffer = io.StringIO()
     buffer.write(f"mtllib {material.name}\nusemtl photographed\n")
     np.savetxt(buffer, vertices, fmt="v %.17g %.17g %.17g")
-    np.savetxt(buffer, laid.uv, fmt="vt %.9g %.9g")
-    corners = np.repeat(laid.faces + 1, 2, axis=1)
+    np.savetxt(buffer, uv.uv, fmt="vt %.9g %.9g")
+    corners = np.repeat(uv.faces + 1, 2, axis=1)
     np.savetxt(buffer, corners, fmt="f %d/%d %d/%d %d/%d")
     with whole_file(path) as beside:
         beside.write_text(buffer.getvalue(), "utf-8")

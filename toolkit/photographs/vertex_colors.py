@@ -12,7 +12,7 @@ from intaglio.photographs.binding import Binding
 _PASSES = (0.8, 0.6, 0.4, 0.2, 0.0)
 
 
-def bound_colors(binding: Binding, gains: Array) -> tuple[Array, Array]:
+def mean_vertex_colors(binding: Binding, gains: Array) -> tuple[Array, Array]:
     """Return each vertex's mean colour, weighted by <N, V>, (N, 3), and which vertices have one, (N,) bool (section 4.1)."""
     weight = np.where(binding.valid, binding.cosine, 0)
     total = weight.sum(axis=0)

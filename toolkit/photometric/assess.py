@@ -23,21 +23,43 @@ class RepresentationReport:
     Attributes
     ----------
     kind : str
+        The kind that was fitted; see `represent`.
     leave_one_out : bool
-        Whether every image was relit from a fit to the others (ability of prediction), or to all (ability of reconstruction).
-    normalised_rms : float
+        Whether every image was relit from a fit to the others (ability of prediction) rather than to all (ability of
+        reconstruction).
+    normalized_rms : float
         η = mean over images of rms(relit − original) / std(original); NaN if no image has any contrast.
     relative : float
-        ‖relit − original‖ / ‖original‖ over all images together; grazing lights, whose images vary little, don't blow it up.
+        ‖relit − original‖ / ‖original‖ over all images together. Images of grazing lights, which vary little, count little.
     per_image : (K,) float64 array
-        rms(relit − original) / std(original); NaN for an image without any contrast, which η leaves out.
+        Values rms(relit − original) / std(original); NaN for an image without any contrast, which η leaves out.
     notes : tuple of str
-        What was chosen in fitting.
+        What was chosen in fitting, as sentences for the user.
+
+    See Also
+    --------
+    intaglio.assess_representation : Computes it.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 4.5.1, eq. 4.5.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> tilts, slants = (0, 0, 90, 180, 270), (0, 45, 45, 45, 45)
+    >>> lights = np.array([intaglio.light_direction(*angles) for angles in zip(tilts, slants)])
+    >>> albedo = np.linspace(0.2, 0.8, 4).reshape(2, 2, 1)
+    >>> stack = intaglio.PhotometricStack(lights[:, 2, None, None, None] * albedo, lights)
+    >>> report = intaglio.assess_representation(stack, "gradient", device="cpu")
+    >>> report.kind, report.per_image.shape, round(report.normalized_rms, 3)
+    ('gradient', (5,), 0.0)
     """
 
     kind: str
     leave_one_out: bool
-    normalised_rms: float
+    normalized_rms: float
     relative: float
     per_image: Array
     notes: tuple[str, ...] = ()
@@ -58,29 +80,50 @@ def assess_representation(
     device: str | None = None,
     progress: Progress | None = None,
 ) -> RepresentationReport:
-    """Measure a kind on a stack: relight it by the lights of the photographs and compare.
+    """Measure how well a kind represents a stack: relight it by the lights of the photographs and compare.
 
     Parameters
     ----------
     stack : PhotometricStack
+        Photographs and their lights; linear values.
     kind : str
-        As in `represent`, and so are the other options.
-    leave_one_out : bool
-        Relight every image from a fit to all others. For least-squares kinds this comes from the hat matrix, for ``"3i"`` and
-        principal images from the products of the images, without a fit to any pixel; for ``"height"`` and robust fits every fit
-        is made. ``"rbf"`` chooses its interpolation and smoothing again without the image, but its number of maps once, with all
-        images. Eigen kinds on a grid of lights are interpolated over triangles, since a grid without a node is none.
+        The kind to fit; see `represent`, of which the other options are as well.
+    leave_one_out : bool, optional
+        Relight every image from a fit to all others, which measures prediction; default False, which measures
+        reconstruction. For least-squares kinds the relit images follow from the hat matrix, for "3i" and principal images
+        from the products of the images, without a fit to any pixel; for "height" and robust fits every fit is made. "rbf"
+        chooses its interpolation and smoothing again without the image, but its number of maps only once. Eigen kinds on a
+        grid of lights are interpolated over triangles, since without one light the grid is not full.
+    robust : bool, optional
+        For "gradient" and "height": a fit that leaves out shadows and highlights. Default False.
+    order : {2, 3}, optional
+        For "hsh": 4 or 9 harmonics. Default 3.
+    interpolation : {"auto", "grid", "triangles"}, optional
+        For the eigen kinds. Default "auto": the grid if the lights form one.
+    components : int, optional
+        For "rbf": number of maps. Default None: by cross-validation.
+    smoothing : float, optional
+        For "rbf": at least 0. Default None: by cross-validation.
+    integration : {"fourier", "cosine"}, optional
+        For "height". Default "fourier", as in the thesis.
+    differentiation : {"fourier", "forward"}, optional
+        For "height". Default "fourier", as in the thesis.
+    device : str, optional
+        Where fits run, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
     progress : callable, optional
-        Called with how much is done, and of how much.
+        Called as ``progress(done, total)`` while work goes on. Default None.
 
     Returns
     -------
     RepresentationReport
+        The errors, of all images together and of each.
 
     Raises
     ------
     InputError
         As `represent`; and with ``leave_one_out``, if the other images don't determine the maps.
+    FileError
+        If an image of a stack on disk is missing or damaged.
 
     Notes
     -----
@@ -89,7 +132,21 @@ def assess_representation(
 
     References
     ----------
-    J. Dong, Three-dimensional Surface Texture Synthesis, PhD thesis, Heriot-Watt University 2003, section 4.5.1, eq. 4.5.1.
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 4.5.1, eq. 4.5.1.
+
+    Examples
+    --------
+    A level, matte sample is predicted without error by Lambert's law:
+
+    >>> import numpy as np
+    >>> import intaglio
+    >>> tilts, slants = (0, 0, 90, 180, 270), (0, 45, 45, 45, 45)
+    >>> lights = np.array([intaglio.light_direction(*angles) for angles in zip(tilts, slants)])
+    >>> albedo = np.linspace(0.2, 0.8, 4).reshape(2, 2, 1)
+    >>> stack = intaglio.PhotometricStack(lights[:, 2, None, None, None] * albedo, lights)
+    >>> report = intaglio.assess_representation(stack, "gradient", leave_one_out=True, device="cpu")
+    >>> round(report.normalized_rms, 3)
+    0.0
     """
     if kind not in KINDS:
         raise InputError(f"kind {kind!r} is not known; known: {', '.join(KINDS)}")
@@ -151,7 +208,7 @@ class _Errors:
             self.number[k] += len(values)
 
     def report(self, kind: str, leave_one_out: bool, notes: tuple[str, ...]) -> RepresentationReport:
-        """Return the errors; an image whose values are all equal has no normalised one."""
+        """Return the report; the normalised error of an image whose values are all equal is NaN."""
         if not self.squares.any():
             raise InputError("the stack is black: no value is over 0")
         mean = self.sums / self.number

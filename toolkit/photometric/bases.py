@@ -1,7 +1,7 @@
-"""How the coefficients of a linear combination answer to the light: i = M₁ c(l), Dong's mathematical framework (eq. 4.4.5).
+"""How the coefficients of a linear combination depend on the light: i = M₁ c(l), Dong's mathematical framework (eq. 4.4.5).
 
 A basis evaluates c(l) from the components of the light's unit vector with the functions of any array library
-(`NumpyMaths` here; the renderer brings its own), so that what is relit and what is rendered come from the same lines.
+(`NumpyMaths` here; the renderer has its own), so that relighting and rendering run the same code.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from intaglio.errors import InputError
 
 
 class Maths(Protocol):
-    """The functions that bases need of an array library."""
+    """The functions of an array library that bases need."""
 
     sqrt: Any
     log: Any
@@ -29,7 +29,7 @@ class Maths(Protocol):
 
 
 class NumpyMaths:
-    """NumPy's."""
+    """The functions of NumPy."""
 
     sqrt = staticmethod(np.sqrt)
     log = staticmethod(np.log)
@@ -50,7 +50,7 @@ class Basis(Protocol):
         """Return the n coefficients, each of the shape of x, y and z: components of unit vectors towards the light."""
 
     def parameters(self) -> dict[str, Any]:
-        """Return what `basis_from_parameters` makes the basis of, as plain lists and numbers."""
+        """Return the parameters from which `basis_from_parameters` makes the basis, as plain lists and numbers."""
 
 
 def coefficients(basis: Basis, lights: Array) -> Array:
@@ -100,7 +100,7 @@ class ThreeImageBasis:
 
 @dataclass(frozen=True)
 class PolynomialBasis:
-    """c = (x², y², xy, x, y, 1): polynomial texture maps (eq. 4.4.11; the first printed list has l_z l_y for l_x l_y)."""
+    """c = (x², y², xy, x, y, 1): polynomial texture maps (eq. 4.4.11, whose first list prints l_z l_y for l_x l_y)."""
 
     size = 6
 
@@ -117,8 +117,8 @@ class PolynomialBasis:
 class HemisphericalBasis:
     """Hemispherical harmonics (Gautron et al., A Novel Hemispherical Basis, 2004) of order 2 (4 terms) or 3 (9 terms).
 
-    Harmonics of the sphere with cos θ moved to 2 cos θ − 1. With r = √(cos θ − cos² θ) and the direction (u, v) of the tilt,
-    r cos φ = u r and so on; there is no trigonometry left.
+    Spherical harmonics in which cos θ is replaced by 2 cos θ − 1. With r = √(cos θ − cos² θ) and the direction (u, v) of the tilt,
+    r cos φ = u r and so on, without trigonometry.
     """
 
     order: int
@@ -157,7 +157,7 @@ class HemisphericalBasis:
 
 
 def need_rank(matrix: Array, kind: str, names: Sequence[str]) -> None:
-    """Raise `InputError` if the lights don't determine all coefficients: ``matrix`` is (K, n), a row of c(l) a light."""
+    """Raise `InputError` if the lights don't determine all coefficients; ``matrix`` (K, n) has a row c(l) for each light."""
     if len(matrix) < matrix.shape[1]:
         raise InputError(f"kind {kind!r} has {matrix.shape[1]} unknowns per pixel, the stack has only {len(matrix)} images")
     values = np.linalg.svd(matrix, compute_uv=False)

@@ -1,4 +1,4 @@
-"""A relightable texture as one EXR with named channels."""
+"""Reading and writing a relightable texture as one EXR with named channels."""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ _BASES: dict[str, type] = {
 
 
 def write_relightable_exr(texture: Relightable, path: PathLike) -> None:
-    """Write all of a texture: channels ``map00.R``, …, and what its basis needs in the header, as JSON.
+    """Write everything of a texture: channels ``map00.R`` and so on, and the parameters of its basis in the header, as JSON.
 
-    Channels are 32-bit floats and the basis' numbers are written in full, so that `read_relightable_exr` gives the same bits.
+    Channels are 32-bit floats and the basis' numbers are written with all digits, so that `read_relightable_exr` gives the same
+    bits.
     """
     letters = "RGB" if texture.maps.shape[3] == 3 else "Y"
     channels = {f"map{j:02d}.{c}": texture.maps[j, :, :, i] for j in range(len(texture.maps)) for i, c in enumerate(letters)}
@@ -51,12 +52,12 @@ def write_relightable_exr(texture: Relightable, path: PathLike) -> None:
 
 
 def read_relightable_exr(path: PathLike) -> Relightable:
-    """Read what `write_relightable_exr` wrote.
+    """Read a texture that `write_relightable_exr` wrote.
 
     Raises
     ------
     FileError
-        If the file is no EXR, or no relightable texture.
+        If the file is not an EXR, or not a relightable texture.
     """
     channels, header = read_exr(path)
     try:
@@ -80,7 +81,7 @@ def read_relightable_exr(path: PathLike) -> Relightable:
         )
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError, InputError) as error:
         # LinAlgError is a ValueError.
-        raise FileError(f"{path}: is an EXR, but no relightable texture ({error})") from error
+        raise FileError(f"{path}: is an EXR, but not a relightable texture ({error})") from error
 
 
 def basis_from_parameters(parameters: dict[str, object]) -> Basis:
@@ -89,21 +90,21 @@ def basis_from_parameters(parameters: dict[str, object]) -> Basis:
     Raises
     ------
     InputError
-        If the name is unknown, something is missing or has another shape, or coefficients come out that are not finite.
+        If the name is unknown, a parameter is missing or has another shape, or coefficients are not finite.
     """
     if not isinstance(parameters, dict):
-        raise InputError("its basis is no set of parameters")
+        raise InputError("its basis is not a set of parameters")
     given = {k: np.asarray(v) if isinstance(v, list) else v for k, v in parameters.items()}
     name = str(given.pop("basis", None))
     if name not in _BASES:
         raise InputError(f"basis {name!r} is not known; known: {', '.join(_BASES)}")
     for key, value in given.items():
         if isinstance(value, np.ndarray) and not (value.dtype.kind in "if" and value.size and np.isfinite(value).all()):
-            raise InputError(f"{key} of basis {name!r} is no array of finite numbers")
+            raise InputError(f"{key} of basis {name!r} is not an array of finite numbers")
     try:
         basis: Basis = _BASES[name](**given)
     except TypeError as error:
-        raise InputError(f"basis {name!r} lacks or has too many parameters ({error})") from error
+        raise InputError(f"basis {name!r} has parameters too few or too many ({error})") from error
     _check(basis)
     lights = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.96, 0.28]])
     if not np.isfinite(coefficients(basis, lights)).all():
@@ -112,7 +113,7 @@ def basis_from_parameters(parameters: dict[str, object]) -> Basis:
 
 
 def _check(basis: Basis) -> None:
-    """Raise `InputError` if a basis' arrays don't fit each other, or a word is unknown."""
+    """Raise `InputError` if the shapes of a basis' arrays don't fit each other, or a name is unknown."""
     fits = True
     if isinstance(basis, ThreeImageBasis):
         fits = basis.lights.shape == (3, 3)

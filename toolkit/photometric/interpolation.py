@@ -22,8 +22,8 @@ from intaglio.photometric.light_positions import tilt_and_slant
 class GridBasis:
     """Bilinear interpolation over a grid of tilt and slant (eq. 4.4.16).
 
-    The tilt goes round. Below the least slant the coefficients stay what they are there; above the largest they fall with the
-    cosine of the slant, to 0 at the horizon.
+    The tilt is periodic. Below the least slant the coefficients are constant; above the largest they fall with the cosine of the
+    slant, to 0 at the horizon.
 
     Attributes
     ----------
@@ -94,15 +94,16 @@ class TriangleBasis:
     """Linear interpolation over a spherical triangulation of scattered lights.
 
     A light inside a triangle is l = b₁l₁ + b₂l₂ + b₃l₃ with b ≥ 0, and c(l) = b₁c₁ + b₂c₂ + b₃c₃: whatever is linear in the
-    light vector, such as Lambert's law, comes out exactly; what is constant comes out 1/cos of a triangle's radius too large at
-    most. Outside the lights' hull the coefficients are those of the hull's nearest point, falling with the cosine of the slant to
-    0 at the horizon: rings of further nodes, down below the horizon, carry them.
+    light vector, such as Lambert's law, is interpolated exactly; what is constant becomes too large by a factor of at most 1/cos
+    of a triangle's radius. Outside the lights' hull the coefficients are those of the hull's nearest point, falling with the
+    cosine of the slant to 0 at the horizon; rings of further nodes, down to below the horizon, hold them.
 
     Attributes
     ----------
     nodes : (M, 3) float64 array
-        Lights, then the rings.
+        The lights, then the nodes of the rings.
     triangles : (T, 3) int array
+        Nodes of every triangle.
     table : (M, n) float64 array
         Coefficients at the nodes.
     """
@@ -117,7 +118,7 @@ class TriangleBasis:
         return int(self.table.shape[1])
 
     def evaluate(self, x: Any, y: Any, z: Any, maths: Any) -> list[Any]:
-        """Return the combination of the triangle in which the least of b is largest."""
+        """Return the combination in the triangle in which the smallest of b₁, b₂, b₃ is largest."""
         best: Any = 0 * x - 1e30
         result: list[Any] = [0 * x for _ in range(self.size)]
         for corner in self.triangles:
@@ -147,7 +148,7 @@ TRENDS = ("lambert", "chart")
 
 
 def chart(name: str, x: Any, y: Any, z: Any, maths: Any) -> list[Any]:
-    """Return coordinates in which distances between lights are measured.
+    """Return the coordinates in which distances between lights are measured.
 
     ``"stereographic"``: (x, y) / (1 + z); ``"azimuthal"``: the slant in radians along the tilt; ``"chord"``: the vector itself.
     """
@@ -176,19 +177,21 @@ def radial(name: str, squared: Any, maths: Any) -> Any:
 class RadialBasis:
     """Smooth interpolation over the hemisphere by radial functions about the lights, and a trend.
 
-    c(l) = Σᵢ φ(|p(l) − p(lᵢ)|) wᵢ + v₀ + Σⱼ vⱼ tⱼ(l); the trend's functions t are x, y, z (``"lambert"``: what follows Lambert's
-    law comes out exactly) or the coordinates p themselves (``"chart"``).
+    c(l) = Σᵢ φ(|p(l) − p(lᵢ)|) wᵢ + v₀ + Σⱼ vⱼ tⱼ(l); the trend's functions t are x, y, z (``"lambert"``, for which Lambert's law is
+    exact) or the coordinates p themselves (``"chart"``).
 
     Attributes
     ----------
     lights : (K, 3) float64 array
+        Unit vectors lᵢ.
     weights : (K, n) float64 array
+        The weights w.
     drift : (d, n) float64 array
-        v.
+        The coefficients v of the trend.
     chart, kernel, trend : str
-        Of `CHARTS`, `KERNELS` and `TRENDS`.
+        One each of `CHARTS`, `KERNELS` and `TRENDS`.
     smoothing : float
-        What the weights were found with.
+        The smoothing with which the weights were found.
     """
 
     lights: Array
@@ -233,7 +236,7 @@ class RadialBasis:
 def grid_of(lights: Array, tolerance: float = 1.0) -> tuple[Array, Array, Array] | None:
     """Return tilts (T,), slants (S,) and the (T, S) numbers of the lights if they form a full grid, else None.
 
-    A light from straight above serves every tilt. Angles in degrees; lights within ``tolerance`` of a node are on it.
+    A light from straight above belongs to every tilt. Angles are in degrees; a light within ``tolerance`` of a node is on it.
     """
     tilt, slant = tilt_and_slant(lights)
     zenith = np.flatnonzero(slant < tolerance)
@@ -282,7 +285,7 @@ def triangulate(lights: Array, table: Array) -> TriangleBasis:
     need_spread(lights)
     places = _plane_of(lights)
     hull = Delaunay(places)
-    # Rings 12 degrees apart, so that triangles stay small and the sum of b near 1. The lowest encloses the hemisphere.
+    # The rings are 12 degrees apart, so that triangles are small and the sum of b is near 1; the lowest encloses the hemisphere.
     slant, tilt = (a.ravel() for a in np.meshgrid(np.radians(np.arange(4, 101, 12)), np.radians(np.arange(0, 360, 15))))
     ring = np.stack([np.cos(tilt) * np.sin(slant), np.sin(tilt) * np.sin(slant), np.cos(slant)], axis=1)
     start, end = (places[hull.convex_hull[:, i]] for i in (0, 1))
@@ -290,7 +293,7 @@ def triangulate(lights: Array, table: Array) -> TriangleBasis:
     along = np.clip(((point - start) * (end - start)).sum(axis=2) / ((end - start) ** 2).sum(axis=1), 0, 1)
     away = np.linalg.norm(start + along[..., None] * (end - start) - point, axis=2)
     nearest = np.argmin(away, axis=1)
-    # Nodes stay out of the circles over the hull's edges, so that these remain edges and the inside remains as it was.
+    # No node lies in a circle over an edge of the hull, so that these remain edges and the triangles inside don't change.
     apart = np.linalg.norm((start + end) / 2 - point, axis=2) > 0.501 * np.linalg.norm(end - start, axis=1)
     outside = (hull.find_simplex(point[:, 0]) < 0) & apart.all(axis=1) & (away.min(axis=1) > 0.02)
     ring, nearest, t = ring[outside], nearest[outside], along[np.arange(len(along)), nearest][outside][:, None]
@@ -305,7 +308,7 @@ def triangulate(lights: Array, table: Array) -> TriangleBasis:
 
 
 def _plane_of(lights: Array) -> Array:
-    """Return stereographic coordinates (K, 2): circles stay circles, so that Delaunay's triangles are those of the sphere."""
+    """Return stereographic coordinates (K, 2): they preserve circles, so Delaunay's triangles are those of the sphere."""
     return np.stack(chart("stereographic", lights[:, 0], lights[:, 1], lights[:, 2], NumpyMaths), axis=1)
 
 
@@ -314,7 +317,8 @@ def interpolate(lights: Array, table: Array, scheme: str = "auto") -> Basis:
 
     Parameters
     ----------
-    lights, table : arrays
+    lights, table : (K, 3), (K, n) arrays
+        Unit vectors, and the coefficients there.
     scheme : {"auto", "grid", "triangles"}
         Bilinear in tilt and slant, or triangulated; ``"auto"`` takes the grid where the lights form one.
 
@@ -335,12 +339,13 @@ def interpolate(lights: Array, table: Array, scheme: str = "auto") -> Basis:
 def smooth_matrix(lights: Array, chart_name: str, kernel: str, trend: str, smoothing: float) -> tuple[Array, list[int]]:
     """Return the system of smooth interpolation and the functions of the trend that it uses.
 
-    The system is [[Φ + λE, D], [Dᵀ, 0]]; its solution for [values; 0] are weights and drift. D holds the trend's functions at
-    the lights, or those of them that the lights tell apart.
+    The system is [[Φ + λE, D], [Dᵀ, 0]]; its solution for [values; 0] is weights and drift. D holds the trend's functions at
+    the lights, except those that are linearly dependent there.
 
     Returns
     -------
     system : (K + d, K + d) float64 array
+        The system.
     used : list of int
         Which functions D holds.
     """

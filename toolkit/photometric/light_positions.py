@@ -15,19 +15,80 @@ from intaglio.files import check_readable
 
 
 def light_direction(tilt: float, slant: float) -> Array:
-    """Return the unit vector (cos τ sin σ, sin τ sin σ, cos σ) towards a light of ``tilt`` τ and ``slant`` σ, in degrees."""
+    """Return the unit vector towards a light of given tilt and slant.
+
+    It is (cos τ sin σ, sin τ sin σ, cos σ) for tilt τ and slant σ, with x to the right of the image, y up and z towards the
+    camera.
+
+    Parameters
+    ----------
+    tilt : float
+        Angle in degrees from the x axis to the light's projection onto the image, counter-clockwise.
+    slant : float
+        Angle in degrees from the line of sight: 0 is straight above the sample, 90 the horizon.
+
+    Returns
+    -------
+    (3,) float64 array
+        Unit vector x, y, z towards the light.
+
+    See Also
+    --------
+    intaglio.tilt_and_slant : The reverse.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 3.3 and figure
+    3.3.1.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> intaglio.light_direction(tilt=90, slant=45).round(3)
+    array([0.   , 0.707, 0.707])
+    """
     t, s = np.radians(tilt), np.radians(slant)
     return np.array([np.cos(t) * np.sin(s), np.sin(t) * np.sin(s), np.cos(s)])
 
 
-def unit(vectors: Array) -> Array:
-    """Return unit vectors along ``vectors`` (..., 3) that are finite and not zero, whatever their size."""
+def unit_directions(vectors: Array) -> Array:
+    """Return ``vectors`` (..., 3), finite and not zero, scaled to unit length without overflow or underflow."""
     scaled = vectors / np.abs(vectors).max(axis=-1, keepdims=True)
     return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
 
 
 def tilt_and_slant(lights: Array) -> tuple[Array, Array]:
-    """Return tilt in [0, 360) and slant, in degrees, of unit vectors (..., 3)."""
+    """Return the tilts and slants of lights.
+
+    Parameters
+    ----------
+    lights : (..., 3) array
+        Unit vectors towards the lights; x right, y up, z to the camera.
+
+    Returns
+    -------
+    tilt : (...) float64 array
+        Angles in degrees in [0, 360) from the x axis, counter-clockwise; 0 for a light straight above.
+    slant : (...) float64 array
+        Angles in degrees in [0, 180] from the line of sight.
+
+    See Also
+    --------
+    intaglio.light_direction : The reverse.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 3.3 and figure
+    3.3.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> tilt, slant = intaglio.tilt_and_slant(np.array([[0.0, 0.6, 0.8], [-1.0, 0.0, 0.0]]))
+    >>> print(tilt.round(2), slant.round(2))
+    [ 90. 180.] [36.87 90.  ]
+    """
     tilt = np.degrees(np.arctan2(lights[..., 1], lights[..., 0])) % 360
     return tilt, np.degrees(np.arccos(np.clip(lights[..., 2], -1, 1)))
 
@@ -50,7 +111,7 @@ def read_light_positions(path: PathLike) -> tuple[list[str], Array]:
     Returns
     -------
     names : list of str
-        Image files, relative to the .lp file, with forward slashes; empty where the lines hold just ``x y z``.
+        Image files, relative to the .lp file, with forward slashes; empty if the lines are just ``x y z``.
     lights : (K, 3) float64 array
         Unit vectors towards the light; x right, y up, z to the camera.
 
@@ -77,11 +138,11 @@ def read_light_positions(path: PathLike) -> tuple[list[str], Array]:
         if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
             raise InputError(f"{path}: entry {number} is not 'name x y z' with a direction: {line!r}")
         names.append(words[0].replace("\\", "/"))
-        lights.append(unit(vector))
+        lights.append(unit_directions(vector))
     if not names:
         raise InputError(f"{path}: holds no lights")
     if promised is not None and promised != len(names):
-        raise InputError(f"{path}: its first line promises {promised} images, but {len(names)} follow")
+        raise InputError(f"{path}: its first line declares {promised} images, but {len(names)} follow")
     if any(names) and not all(names):
         raise InputError(f"{path}: some entries name an image and some don't; name all or none")
     return [n for n in names if n], np.array(lights)
@@ -104,7 +165,7 @@ def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines(), delimiter=separator)]
     except csv.Error as error:
-        raise InputError(f"{path}: is no table of lights ({error})") from error
+        raise InputError(f"{path}: is not a table of lights ({error})") from error
     rows = [row for row in rows if any(row)]
     heading = [cell.lower() for cell in rows[0]] if rows else []
     known = {"tilt", "slant", "x", "y", "z"} & set(heading)
@@ -126,7 +187,7 @@ def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
             raise InputError(f"{path}: row {number} is not 'image, tilt, slant' or 'image, x, y, z': {', '.join(row)!r}")
         vector = light_direction(*numbers) if len(numbers) == 2 else np.array(numbers)
         names.append(row[0].replace("\\", "/"))
-        lights.append(unit(vector))
+        lights.append(unit_directions(vector))
     if not names:
         raise InputError(f"{path}: holds no lights")
     return names, np.array(lights)
@@ -135,20 +196,20 @@ def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
 def read_table(path: PathLike, columns: tuple[int, ...], what: str) -> Array:
     """Read a plain table of numbers, a row or a column per image, as (K, columns).
 
-    A table of as many columns as allowed is taken by rows, one of as many rows by columns.
+    If the number of columns is an allowed one, every row is an image; else, if the number of rows is, every column is.
 
     Raises
     ------
     InputError
-        If it is no table of finite numbers, or of another shape.
+        If it is not a table of finite numbers, or of another shape.
     """
     path = check_readable(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a table is empty is told below
+            warnings.simplefilter("ignore")  # an empty table is reported below
             table = np.loadtxt(Path(path), ndmin=2, delimiter=_delimiter(path), encoding="utf-8")
     except ValueError as error:
-        raise InputError(f"{path}: is no table of {what} ({error})") from error
+        raise InputError(f"{path}: is not a table of {what} ({error})") from error
     if not np.isfinite(table).all():
         raise InputError(f"{path}: holds {what} that are not finite numbers")
     if table.shape[1] in columns:

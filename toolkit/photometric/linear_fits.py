@@ -30,7 +30,7 @@ from intaglio.photometric.light_positions import light_direction
 LEAST_SQUARES = ("gradient", "ptm", "hsh")
 LINEAR_KINDS = ("3i", *LEAST_SQUARES, "eigen3", "eigen6", "rbf")
 
-# Shares of the unit of distance squared; which one suits is decided by cross-validation.
+# The smoothings among which cross-validation chooses.
 SMOOTHING = (0.0, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)
 MOST_COMPONENTS = 18
 MOST_SMOOTHING = 1e6
@@ -80,18 +80,18 @@ class Moments:
 
 @dataclass(frozen=True)
 class Settings:
-    """What may be chosen of a kind.
+    """Options of the kinds.
 
     Attributes
     ----------
     order : {2, 3}
-        Of ``"hsh"``.
+        For ``"hsh"``.
     interpolation : {"auto", "grid", "triangles"}
-        Of ``"eigen3"`` and ``"eigen6"``.
+        For ``"eigen3"`` and ``"eigen6"``.
     components : int, optional
-        Of ``"rbf"``; default: the fewest that predict within 0.5 % of the best, at most 18.
+        For ``"rbf"``; default: the fewest that predict within 0.5 % of the best, at most 18.
     smoothing : float, optional
-        Of ``"rbf"``; default by cross-validation.
+        For ``"rbf"``; default by cross-validation.
     """
 
     order: int = 3
@@ -100,13 +100,13 @@ class Settings:
     smoothing: float | None = None
 
     def checked(self) -> Settings:
-        """Return the settings, or raise `InputError` for one that is out of range for any stack."""
+        """Return the settings, or raise `InputError` if one is out of range whatever the stack."""
         if self.order not in (2, 3) or not isinstance(self.order, int):
             raise InputError(f"order {self.order} of hemispherical harmonics is not known; 2 (4 maps) or 3 (9 maps)")
         if self.interpolation not in SCHEMES:
             raise InputError(f"interpolation {self.interpolation!r} is not known; known: {', '.join(SCHEMES)}")
         if self.components is not None and (not isinstance(self.components, int | np.integer) or self.components < 1):
-            raise InputError(f"components must be a whole number from 1 on, not {self.components!r}")
+            raise InputError(f"components must be a whole number of at least 1, not {self.components!r}")
         is_number = isinstance(self.smoothing, int | float | np.number)
         if self.smoothing is not None and not (is_number and 0 <= self.smoothing <= MOST_SMOOTHING):
             raise InputError(f"smoothing must be a number from 0 to {MOST_SMOOTHING:g}, not {self.smoothing!r}")
@@ -122,7 +122,7 @@ class LinearFit:
     weights : (K, n) float64 array
     basis : Basis
     notes : tuple of str
-        What was chosen.
+        What was chosen, as sentences for the user.
     """
 
     weights: Array
@@ -156,11 +156,11 @@ def fit_linear(kind: str, lights: Array, moments: Moments | None, settings: Sett
 
 
 def prediction(kind: str, lights: Array, moments: Moments | None, settings: Settings) -> Array:
-    """Return R (K, K): column k gives image k as relit by a fit to all images but k (leave one out), from the other images.
+    """Return R (K, K), whose column k makes image k, relit by a fit to all other images (leave one out), from these.
 
     For least squares it follows from the hat matrix H: (H − diag H) / (1 − diag H) by columns; otherwise every fit is made,
-    from the products of the images alone. A grid of lights that lacks one is no grid: eigen kinds are interpolated over
-    triangles then.
+    from the products of the images alone. Eigen kinds on a grid of lights are interpolated over triangles, since without one
+    light the grid is not full.
     """
     count = len(lights)
     settings = replace(settings, interpolation="auto")
@@ -170,7 +170,7 @@ def prediction(kind: str, lights: Array, moments: Moments | None, settings: Sett
         own = np.diag(hat)
         if not (own < 1 - 1e-9).all():
             k = int(np.argmax(own))
-            raise InputError(f"leaving out image {k}, the lights no longer determine {kind!r}; it takes more images")
+            raise InputError(f"without image {k} the lights no longer determine {kind!r}; more images are needed")
         return np.asarray((hat - np.diag(own)) / (1 - own)[None, :])
     if kind == "rbf":
         assert moments is not None
@@ -189,9 +189,9 @@ def reconstruction(fit: LinearFit, lights: Array) -> Array:
 
 
 def principal(moments: Moments, count: int, kind: str) -> Array:
-    """Return the first ``count`` right singular vectors (K, count) of the image matrix, largest first, summing to positive.
+    """Return the first ``count`` right singular vectors (K, count) of the image matrix, largest first, each of positive sum.
 
-    They are eigenvectors of IᵀI, which is all that is needed of I = U W Vᵀ: the eigen base images are U W = I V (eq. 4.4.14).
+    They are the eigenvectors of IᵀI, from which the eigen base images U W = I V of I = U W Vᵀ follow (eq. 4.4.14).
     """
     if len(moments.products) < count:
         raise InputError(f"kind {kind!r} keeps {count} base images, the stack has only {len(moments.products)} images")
@@ -234,7 +234,7 @@ def _least_squares_basis(kind: str, settings: Settings) -> tuple[Basis, tuple[st
 
 
 def _smooth_fit(lights: Array, moments: Moments, settings: Settings) -> LinearFit:
-    """Fit principal components whose coefficients are interpolated by radial functions, chosen by leave-one-out error."""
+    """Fit principal components whose coefficients are interpolated by radial functions that have least leave-one-out error."""
     inverses = _smooth_inverses(lights, settings)
     scheme, error = _best_scheme(inverses, moments)
     components = settings.components or _enough_components(_left_out(inverses[scheme]), moments)
@@ -248,9 +248,9 @@ def _smooth_fit(lights: Array, moments: Moments, settings: Settings) -> LinearFi
 
 
 def _smooth_left_out(lights: Array, moments: Moments, settings: Settings) -> Array:
-    """Return R (K, K) of `prediction`: for every image left out, the scheme is chosen again without it.
+    """Return R (K, K) as `prediction`, where for every image that is left out the scheme is chosen again without it.
 
-    Inverses without a light follow from those with all of them: M⁻¹ = [[B, b], [bᵀ, β]] leaves B − b bᵀ / β.
+    The inverse without a light follows from that with all of them: of M⁻¹ = [[B, b], [bᵀ, β]] it is B − b bᵀ / β.
     """
     inverses = _smooth_inverses(lights, settings)
     scheme, _ = _best_scheme(inverses, moments)
@@ -262,7 +262,7 @@ def _smooth_left_out(lights: Array, moments: Moments, settings: Settings) -> Arr
         inner = moments.subset(others)
         rest = {s: left for s, part in inverses.items() if (left := _without(part, k)) is not None}
         if not rest:
-            raise InputError(f"leaving out image {k}, the lights can't be interpolated between; it takes more images")
+            raise InputError(f"without image {k} there are too few lights to interpolate between; more images are needed")
         scheme, _ = _best_scheme(rest, inner)
         vectors = principal(inner, min(components, count - 1), "rbf")
         relit[others, k] = vectors @ (vectors.T @ _left_out(inverses[scheme])[others, k])
@@ -281,7 +281,7 @@ def _smooth_inverses(lights: Array, settings: Settings) -> dict[Scheme, Array]:
     inverses: dict[Scheme, Array] = {}
     for chart, kernel, trend, smoothing in product(CHARTS, KERNELS, TRENDS, tried):
         if chart == "chord" and trend == "chart":
-            continue  # the chord's coordinates are Lambert's
+            continue  # the coordinates of the chord are those of Lambert's law
         system, _ = smooth_matrix(lights, chart, kernel, trend, smoothing)
         try:
             inverse = np.linalg.inv(system)
@@ -296,7 +296,7 @@ def _smooth_inverses(lights: Array, settings: Settings) -> dict[Scheme, Array]:
 
 
 def _without(part: Array, k: int) -> Array | None:
-    """Return a scheme's inverse without light k; None if the lights left over, or those but one, hardly determine it."""
+    """Return a scheme's inverse without light k; None if the other lights, or these without another one, hardly determine it."""
     scale = np.abs(np.diag(part)).max()
     if np.abs(part[k, k]) < 1e-6 * scale:
         return None
@@ -306,9 +306,9 @@ def _without(part: Array, k: int) -> Array | None:
 
 
 def _left_out(part: Array) -> Array:
-    """Return R (K, K) of interpolating each light's image from the others, all components kept.
+    """Return R (K, K), whose column k interpolates image k from the others, with all components kept.
 
-    The error at a light left out is (A⁻¹y)_k / (A⁻¹)_kk, A being the interpolation's system.
+    The error at a light that is left out is (A⁻¹y)_k / (A⁻¹)_kk, where A is the interpolation's system.
     """
     return np.asarray(np.eye(len(part)) - (part / np.diag(part)[:, None]).T)
 

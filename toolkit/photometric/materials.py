@@ -1,4 +1,4 @@
-"""What other programs take: normal map, albedo and height as images, and a glTF material on a plane."""
+"""Files for other programs: normal map, albedo and height as images, and a glTF material on a plane."""
 
 from __future__ import annotations
 
@@ -18,7 +18,42 @@ MAP_NAMES = ("normal.png", "albedo.png", "height.png", "maps.exr")
 
 
 def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: str = "cosine") -> Array:
-    """Return a texture's height map (H, W) in pixels: its own, for kind ``"height"``, else integrated from its normals."""
+    """Return the height map of a texture: its own for kind "height", else integrated from its normals.
+
+    Parameters
+    ----------
+    texture : Relightable
+        From `represent` or `read_relightable`.
+    maps : SurfaceMaps, optional
+        From `surface_maps`, if they are there already. Default None: computed here.
+    method : {"cosine", "fourier"}, optional
+        How to integrate; see `height_from_gradients`. Default "cosine", which does not assume that the texture repeats.
+
+    Returns
+    -------
+    (H, W) float32 array
+        Heights in pixels, towards the camera.
+
+    Raises
+    ------
+    InputError
+        If the method is unknown.
+
+    See Also
+    --------
+    intaglio.height_from_gradients : The integration itself.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> normal = np.array([-0.6, 0.0, 0.8])  # rises by 0.75 pixels a pixel to the right
+    >>> images = 0.5 * np.ones((4, 2, 3, 1)) * (lights @ normal)[:, None, None, None]
+    >>> texture = intaglio.represent(intaglio.PhotometricStack(images, lights), "gradient", device="cpu")
+    >>> intaglio.height_of(texture)[0].round(3)
+    array([-0.75,  0.  ,  0.75], dtype=float32)
+    """
     if texture.height is not None:
         return texture.height
     maps = maps or surface_maps(texture)
@@ -26,15 +61,45 @@ def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: 
 
 
 def write_maps(texture: Relightable, folder: PathLike) -> list[Path]:
-    """Write the maps of a matte material into ``folder``, made if it does not exist.
+    """Write normal map, albedo and height of a texture, the maps of a matte material.
 
-    ``normal.png`` (16 bits, (n + 1) / 2; x right, y up: OpenGL's convention), ``albedo.png`` (8 bits, sRGB), ``height.png`` (16
-    bits, its range stretched to [0, 1]) for viewing, and ``maps.exr`` with the same as they are: channels ``normal.X``,
-    ``normal.Y``, ``normal.Z``, ``albedo.R``…, ``height.Y`` in pixels and, of robust fits, ``confidence.Y``.
+    The files are ``normal.png`` (16 bits, (n + 1) / 2; x right, y up, as OpenGL has it), ``albedo.png`` (8 bits, sRGB),
+    ``height.png`` (16 bits, its range stretched to [0, 1], for viewing), and ``maps.exr`` with the values as they are: channels
+    ``normal.X``, ``normal.Y``, ``normal.Z``, ``albedo.R``, ``albedo.G``, ``albedo.B``, ``height.Y`` in pixels and, from robust
+    fits, ``confidence.Y``.
+
+    Parameters
+    ----------
+    texture : Relightable
+        From `represent` or `read_relightable`.
+    folder : path
+        Where the files go; made if it does not exist. Files of these names are replaced, all or none.
 
     Returns
     -------
     list of Path
+        The four files.
+
+    Raises
+    ------
+    FileError
+        If the folder is a file, can't be made or written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> images = 0.5 * np.ones((4, 8, 8, 1)) * lights[:, 2, None, None, None]
+    >>> texture = intaglio.represent(intaglio.PhotometricStack(images, lights), "gradient", device="cpu")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     paths = intaglio.write_maps(texture, folder)
+    ...     channels, _ = intaglio.read_exr(f"{folder}/maps.exr")
+    >>> [path.name for path in paths]
+    ['normal.png', 'albedo.png', 'height.png', 'maps.exr']
+    >>> print(channels["albedo.R"][0, 0].round(3))
+    0.5
     """
     folder = check_folder(folder)
     maps = surface_maps(texture)
@@ -55,7 +120,36 @@ def write_maps(texture: Relightable, folder: PathLike) -> list[Path]:
 
 
 def write_gltf(texture: Relightable, path: PathLike) -> None:
-    """Write a matte glTF material, with albedo and normal map, on a plane that faces +z; one unit is the longer side (.glb)."""
+    """Write a matte glTF material, with albedo and normal map, on a plane.
+
+    The plane faces +z, and its longer side has length 1. Viewers show the material under any light, as far as it is matte.
+
+    Parameters
+    ----------
+    texture : Relightable
+        From `represent` or `read_relightable`.
+    path : path
+        The .glb file. It appears whole, or stays as it was.
+
+    Raises
+    ------
+    FileError
+        If the suffix is not .glb, or the file can't be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> images = 0.5 * np.ones((4, 8, 8, 1)) * lights[:, 2, None, None, None]
+    >>> texture = intaglio.represent(intaglio.PhotometricStack(images, lights), "gradient", device="cpu")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     intaglio.write_gltf(texture, f"{folder}/sample.glb")
+    ...     plane = intaglio.read_surface(f"{folder}/sample.glb")
+    >>> plane.vertices.max(axis=0)
+    array([0.5, 0.5, 0. ])
+    """
     import trimesh
     from PIL import Image
 

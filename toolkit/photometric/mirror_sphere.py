@@ -14,16 +14,31 @@ from intaglio.errors import FitError, InputError
 
 @dataclass(frozen=True)
 class SphereLights:
-    """Lights read off a mirror sphere.
+    """Directions of lights, computed from pictures of a mirror sphere.
 
     Attributes
     ----------
     lights : (K, 3) float64 array
         Unit vectors towards the lights; x right, y up, z to the camera.
-    circle : (x, y, radius)
-        The sphere's outline in pixels, x from the left, y from the top, to pixel centres.
+    circle : (float, float, float)
+        Centre x, y and radius of the sphere's outline in pixels; x from the left, y from the top, and (0, 0) the centre of
+        the first pixel.
     highlights : (K, 2) float64 array
-        x and y of the light's reflection in each picture.
+        Position x, y of the light's reflection in each picture, in pixels likewise.
+
+    See Also
+    --------
+    intaglio.lights_from_sphere : Computes it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> picture = np.full((64, 64), 0.1)
+    >>> picture[31:33, 41:43] = 1.0
+    >>> found = intaglio.lights_from_sphere([picture], circle=(31.5, 31.5, 28))
+    >>> found.highlights
+    array([[41.5, 31.5]])
     """
 
     lights: Array
@@ -42,22 +57,39 @@ def lights_from_sphere(
     Parameters
     ----------
     images : sequence of (H, W) or (H, W, C) arrays
-        Pictures from one place, one light each.
-    circle : (x, y, radius), optional
-        The sphere's outline in pixels; default: found by `fit_circle`.
+        Pictures from one place, each with one light; of colours the mean counts.
+    circle : (float, float, float), optional
+        Centre x, y and radius of the sphere's outline in pixels; x from the left, y from the top, and (0, 0) the centre of
+        the first pixel. Default None: found by `fit_circle`.
     outline : (H, W) or (H, W, C) array, optional
-        Picture to find the outline in; default: the mean of ``images``.
+        Picture in which to find the outline. Default None: the mean of ``images``, in which the background is most even.
+
+    Returns
+    -------
+    SphereLights
+        The unit vectors towards the lights, the outline, and the positions of the highlights.
 
     Raises
     ------
     InputError
-        If pictures differ in size or a highlight can't be found.
+        If there are no pictures, they differ in size, the circle is not inside them, or a highlight can't be found.
     FitError
         If no circle is found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> picture = np.full((64, 64), 0.1)
+    >>> picture[31:33, 41:43] = 1.0
+    >>> found = intaglio.lights_from_sphere([picture], circle=(31.5, 31.5, 28))
+    >>> tilt, slant = intaglio.tilt_and_slant(found.lights)
+    >>> print(tilt.round(1), slant.round(1))
+    [0.] [41.8]
     """
     grey = [_grey(image) for image in images]
     if not grey or any(g.shape != grey[0].shape for g in grey):
-        raise InputError("pictures of the sphere must all be of one size, and there must be some")
+        raise InputError("there must be at least one picture of the sphere, and all must be of one size")
     if circle is None:
         circle = fit_circle(np.mean(grey, axis=0) if outline is None else _grey(outline))
     try:
@@ -80,28 +112,57 @@ def lights_from_sphere(
 
 
 def fit_circle(image: Array) -> tuple[float, float, float]:
-    """Find the outline of a sphere that fills a good part of a picture: the circle that most edge pixels agree on.
+    """Find the outline of a sphere that fills a good part of a picture: the circle with edges along most of it.
 
-    Edges (Canny) vote by random triples (RANSAC, always from the same seed); the circle is then fitted to all that lie near it.
+    Circles through random triples of edge pixels (Canny) are tried, always from the same seed (RANSAC); the best of them is
+    then fitted by least squares to all edge pixels near it.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, C) array
+        Picture of at least 16 pixels a side; of colours the mean counts. Pictures of more than 400 pixels a side are reduced
+        first.
 
     Returns
     -------
-    (x, y, radius)
-        In pixels.
+    x : float
+        The centre in pixels from the left; 0 is the centre of the first pixel.
+    y : float
+        The centre in pixels from the top, likewise.
+    radius : float
+        The radius in pixels, from 0.15 of the shorter side to 0.75 of the longer one.
 
     Raises
     ------
     FitError
-        If no circle is supported by edges along a quarter of its outline.
+        If the picture is too small, or no circle has edges along a quarter of it.
+
+    References
+    ----------
+    Fischler & Bolles, "Random Sample Consensus", Communications of the ACM 24(6), 1981.
+
+    Kåsa, "A Circle Fitting Procedure and Its Error Analysis", IEEE Trans. Instrumentation and Measurement 25(1), 1976.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:64, :64]
+    >>> disc = (np.hypot(x - 30, y - 34) < 20).astype(float)
+    >>> found = intaglio.fit_circle(disc)
+    >>> np.allclose(found, (30, 34, 20), atol=0.5)
+    True
     """
     from skimage.feature import canny
 
     grey = _grey(image)
     if min(grey.shape) < 16:
-        raise FitError(f"a picture of {grey.shape[1]} x {grey.shape[0]} pixels is too small to find a sphere in")
+        raise FitError(
+            f"a picture of {grey.shape[1]} x {grey.shape[0]} pixels is too small to find a sphere in; 16 x 16 is least"
+        )
     step = max(1, round(max(grey.shape) / 400))
     small = ndimage.uniform_filter(grey, step)[::step, ::step]
-    # Where the sphere is a dark disc, its rim is fainter than the reflections in it: levels are evened out first.
+    # The rim of a dark sphere is fainter than the reflections in it, so levels are replaced by their ranks first.
     ranks = np.argsort(np.argsort(small, axis=None, kind="stable"), kind="stable").reshape(small.shape) / small.size
     points = np.argwhere(canny(ranks, sigma=2.0))[:, ::-1].astype(np.float64)
     best, support = None, 0.0

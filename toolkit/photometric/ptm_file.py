@@ -1,9 +1,9 @@
 """Polynomial texture map files (.ptm, version 1.2).
 
-The header is text: version, format, width, height, six scales and six biases; in JPEG formats also a line each of the
+The header is text: version, format, width, height, six scales and six biases; in JPEG formats also one line each with the
 streams' transforms, motion vectors, order, reference planes, sizes and sizes of side information. Rows go from bottom to
-top, a pixel's six coefficients are in the order x², y², xy, x, y, 1, and stand for (byte − bias) × scale, for intensities
-from 0 to 255. LRGB files hold the polynomial of a luminance, and a colour per pixel that it is multiplied with.
+top; a pixel's six coefficients are in the order x², y², xy, x, y, 1, and a byte means (byte − bias) × scale, for intensities
+from 0 to 255. LRGB files hold the polynomial of the luminance, and for every pixel a colour that it is multiplied by.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def write_ptm(texture: Relightable, path: PathLike) -> None:
     """Write an uncompressed .ptm: LRGB if the texture is grey or has a chromaticity, else RGB.
 
     Kinds other than ``"ptm"`` are written as the polynomial nearest to them over the hemisphere. Coefficients are rounded to
-    256 levels each. Viewers show the values as they are; of a texture fitted to linear values the picture looks dark in them,
-    so fit to the photographs as they are stored (``read_stack(path, "linear")``) for .ptm viewers.
+    256 levels each. Viewers show the values as they are, so a texture fitted to linear values looks dark in them: for .ptm
+    viewers, fit to the photographs as they are stored (``read_stack(path, "linear")``).
     """
     maps = polynomial_maps(texture) * np.float32(255)
     if texture.chroma is not None or maps.shape[3] == 1:
@@ -41,7 +41,7 @@ def write_ptm(texture: Relightable, path: PathLike) -> None:
         blocks, name = [maps[..., c] for c in range(3)], "PTM_FORMAT_RGB"
     low = np.minimum(np.min([b.min(axis=(1, 2)) for b in blocks], axis=0), 0)
     high = np.maximum(np.max([b.max(axis=(1, 2)) for b in blocks], axis=0), 0)
-    # One level is kept for rounding the bias up to a whole number; the header has six digits of the scale.
+    # One level is reserved for rounding the bias up to an integer; the header holds the scale with six decimals.
     scale = np.array([float(f"{s:.6f}") + 1e-6 for s in np.maximum((high - low) / 254, 1e-6)])
     bias = np.ceil(-low / scale).astype(int)
     header = [
@@ -66,14 +66,14 @@ def write_ptm(texture: Relightable, path: PathLike) -> None:
 def colour_shares(chroma: Array) -> tuple[Array, Array]:
     """Return a chromaticity (H, W, 3) as shares of its largest channel, in [0, 1], and that channel (H, W).
 
-    The brightest channel of a pixel gets all levels of a file; the luminance takes the factor.
+    So the brightest channel of a pixel uses all levels of a file; the luminance is multiplied by the largest channel.
     """
     peak = np.maximum(chroma.max(axis=2), 1e-12).astype(np.float32)
     return np.clip(chroma / peak[..., None], 0, 1), peak
 
 
 def polynomial_maps(texture: Relightable) -> Array:
-    """Return the six maps (6, H, W, C) float32 of the polynomial nearest to a texture: its own, for kind ``"ptm"``."""
+    """Return the six maps (6, H, W, C) float32 of the polynomial nearest to a texture, which kind ``"ptm"`` has itself."""
     if isinstance(texture.basis, PolynomialBasis):
         return texture.maps
     lights = spread_lights(200, 80.0)
@@ -92,13 +92,13 @@ def read_ptm(path: PathLike) -> Relightable:
     Raises
     ------
     FileError
-        If the file is no PTM_1.2, of another format, or truncated.
+        If the file is not a PTM_1.2, of another format, or truncated.
     """
     path = check_readable(path)
     content = path.read_bytes()
     reader = _Header(path, content)
     if reader.line() != "PTM_1.2":
-        raise FileError(f"{path}: is no PTM_1.2 file")
+        raise FileError(f"{path}: is not a PTM_1.2 file")
     name = reader.line()
     known = ("PTM_FORMAT_RGB", "PTM_FORMAT_LRGB", *_STREAMS)
     if name not in known:
@@ -143,16 +143,16 @@ class _Header:
             try:
                 found += [float(word) for word in line.split()]
             except ValueError:
-                raise FileError(f"{self.path}: has {line[:40]!r} where numbers should be") from None
+                raise FileError(f"{self.path}: has {line[:40]!r} in its header instead of numbers") from None
         if len(found) > count:
-            raise FileError(f"{self.path}: has {len(found)} numbers where {count} should be")
+            raise FileError(f"{self.path}: has {len(found)} numbers in its header instead of {count}")
         return found
 
     def integers(self, count: int) -> list[int]:
         """Return the next ``count`` whole numbers."""
         found = self.numbers(count)
         if not all(abs(v) < 1e15 and v == int(v) for v in found):
-            raise FileError(f"{self.path}: has {found} where whole numbers should be")
+            raise FileError(f"{self.path}: has {found} in its header instead of whole numbers")
         return [int(v) for v in found]
 
     def take(self, size: int) -> bytes:
@@ -165,7 +165,7 @@ class _Header:
 
 
 def _raw_planes(reader: _Header, name: str, shape: tuple[int, int]) -> Array:
-    """Return (18 or 9, H, W) levels: blocks of six coefficients a pixel, then of three colours."""
+    """Return (18 or 9, H, W) levels, from blocks of six coefficients per pixel and, for LRGB, one of three colours."""
     height, width = shape
     planes = []
     for size in (6, 6, 6) if name == "PTM_FORMAT_RGB" else (6, 3):
@@ -177,8 +177,8 @@ def _raw_planes(reader: _Header, name: str, shape: tuple[int, int]) -> Array:
 def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
     """Return (count, H, W) levels of JPEG streams, some of which hold the difference from another plane.
 
-    Streams are decoded in the order given. A plane with a reference is stream + reference − 128 (the reference inverted
-    first, if the plane's transform is 1), modulo 256; side information then overwrites single pixels.
+    Streams are decoded in the given order. A plane with a reference is stream + reference − 128 modulo 256, where the reference
+    is inverted first if the plane's transform is 1; side information then overwrites single pixels.
     """
     from PIL import Image
 
@@ -196,7 +196,7 @@ def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
         or (sizes < 0).any()
         or (side < 0).any()
     ):
-        raise FileError(f"{reader.path}: its lines of order, references or sizes make no sense")
+        raise FileError(f"{reader.path}: its lines of order, references or sizes are inconsistent")
     planes: list[Array] = []
     extra: list[bytes] = []
     for i in range(count):
@@ -206,7 +206,7 @@ def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
                 size = image.size
                 plane = np.array(image.convert("L")) if size == (shape[1], shape[0]) else None
         except (OSError, Image.DecompressionBombError) as error:
-            raise FileError(f"{reader.path}: stream {i} is no readable JPEG ({error})") from error
+            raise FileError(f"{reader.path}: stream {i} can't be read as JPEG ({error})") from error
         if plane is None:
             raise FileError(f"{reader.path}: stream {i} is {size[0]} x {size[1]}, not {shape[1]} x {shape[0]}")
         planes.append(plane)

@@ -1,4 +1,4 @@
-"""Reading stacks: .lp files, folders with lights.csv, and folders with plain tables of light directions."""
+"""Reading stacks from .lp files and from folders with a lights.csv or plain tables of light directions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from intaglio.photometric.stack import ImageFiles, PhotometricStack
 MEMORY_BYTES = 1 << 31
 
 STACK_SUFFIXES = (".lp", ".csv", ".txt")
-# Names that are no photographs of a stack: a sphere's reference, and maps that were written beside it.
+# Files with these names are not photographs of the stack: a mask, a sphere's reference, or maps that were written there.
 _NO_IMAGES = ("mask", "ref", "normal", "albedo", "height", "maps")
 _LIGHT_FILES = ("lights.csv", "light_directions.txt", "lights.txt")
 
@@ -43,40 +43,68 @@ def read_stack(
     Parameters
     ----------
     path : path
-        An .lp file (``name x y z`` a line, with or without the count in the first line; names are relative to the file; lines
-        without names take the folder's images in order), a ``lights.csv`` (image and tilt, slant in degrees, or x, y, z), a
-        table of light directions (``light_directions.txt``, 3 x K or K x 3), or a folder that holds one of them. Beside a
-        table, ``filenames.txt`` names the images and ``light_intensities.txt`` gives the lights' strengths; without names, the
-        images are those of the folder, or of its one subfolder that holds K of them (of several, that named images or
-        objects), in natural order.
+        One of these:
+
+        * an .lp file: a line ``name x y z`` for each image, with or without the number of images in the first line; names
+          are relative to the file, and lines without names take the folder's images in order;
+        * a ``lights.csv``: image and tilt, slant in degrees, or image and x, y, z;
+        * a table of light directions (``light_directions.txt``, 3 x K or K x 3). Beside it, ``filenames.txt`` may name the
+          images; without it they are those of the folder, or of its one subfolder that holds K of them (of several, the one
+          named images or objects), in natural order;
+        * a folder that holds one of them.
     response : {"linear", "srgb"} or float, optional
-        How stored values answer to light: as they are; encoded by sRGB; or with an exponent (linear = stored ** gamma, such
-        as 2.2). Default: 8 bits are decoded from sRGB, 16 bits and floats are linear.
+        How stored values depend on light: in proportion; encoded by sRGB; or with an exponent (linear = stored ** gamma,
+        such as 2.2). Default None: 8-bit values are decoded from sRGB, 16-bit and float values are linear.
     mask : path or (H, W) array, optional
-        Pixels to use (values over one half). Default: ``mask.png`` beside the lights, if there is one; else all.
+        Pixels to use: values over one half. Default None: ``mask.png`` beside the lights, if there is one, else all.
     intensities : path, optional
-        Table of light strengths, K x 1 or K x 3 (a column per channel), that images are divided by. Default:
+        Table of the lights' strengths, K x 1 or K x 3 (a column per channel), by which images are divided. Default None:
         ``light_intensities.txt`` beside the lights, if there is one.
     sphere : path, optional
-        Folder with a picture of a mirror sphere per image, in the same order: the lights are computed from it, and ``path`` is
-        the folder of the images. It may be the same folder, if the sphere lies in the picture. See `lights_from_sphere`.
-    circle : (x, y, radius), optional
-        Outline of the sphere in pixels of its pictures, from the upper left; default: found, if the sphere fills a good part.
-    grey : bool
-        Take the mean of the channels.
-    memory : int
-        Stacks of more bytes (as float32) stay on disk and are read an image at a time.
+        Folder with a picture of a mirror sphere per image, in the same order, from which the lights are computed; ``path`` is
+        then the folder of the images, which may be the same one if the sphere is in the photographs. Default None: the
+        lights come from ``path``. See `lights_from_sphere`.
+    circle : (float, float, float), optional
+        Centre x, y and radius of the sphere's outline in pixels of its pictures, from the upper left. Default None: found by
+        `fit_circle`, which needs a sphere that fills a good part of its pictures.
+    grey : bool, optional
+        Take the mean of the channels. Default False.
+    memory : int, optional
+        Stacks of more bytes (as float32) stay on disk and are read one image at a time. Default 2 GiB.
 
     Returns
     -------
     PhotometricStack
+        Linear values divided by the lights' strengths; its ``names`` are the files, its ``notes`` say what was found.
 
     Raises
     ------
     FileError
-        If a file is missing (all are listed), damaged, or of no known kind.
+        If a file is missing (all that are missing are listed), damaged, or of an unknown type.
     InputError
-        If lights and images don't fit in number, images in size, or a light is no direction.
+        If the numbers of lights and images differ, images differ in size, a light is not a direction, a folder holds several
+        lists of lights, or ``response`` is unknown.
+    FitError
+        If no sphere is found in its pictures.
+
+    Examples
+    --------
+    >>> import pathlib
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for name, value in (("a", 0.25), ("b", 0.5)):
+    ...         intaglio.write_image(np.full((4, 6), value), f"{folder}/{name}.png", bits=16)
+    ...     _ = pathlib.Path(folder, "capture.lp").write_text("a.png 0 0 1\\nb.png 0.6 0 0.8\\n")
+    ...     stack = intaglio.read_stack(f"{folder}/capture.lp")
+    >>> stack.shape
+    (2, 4, 6, 1)
+    >>> stack.lights
+    array([[0. , 0. , 1. ],
+           [0.6, 0. , 0.8]])
+    >>> stack.image(1)[0, 0].round(3)
+    array([0.5], dtype=float32)
     """
     decode_value = _response(response)
     folder, names, lights, source = _lights(Path(path), sphere, circle)
@@ -84,7 +112,7 @@ def read_stack(
     missing = [p for p in paths if not p.exists()]
     if missing:
         listed = ", ".join(str(p) for p in missing[:8]) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
-        raise FileError(f"{source}: {len(missing)} of its {len(paths)} images are not there: {listed}")
+        raise FileError(f"{source}: {len(missing)} of its {len(paths)} images are missing: {listed}")
     first = read_samples(paths[0])
     if first.dtype.kind != "f" and first.dtype not in (np.uint8, np.uint16):
         raise FileError(f"{paths[0]}: holds {first.dtype} values; images of 8 or 16 bits, or floats, are needed")
@@ -146,7 +174,7 @@ def _lights(
         text = check_readable(listing).read_text(encoding="utf-8-sig", errors="replace") if listing.exists() else ""
         names = [line.strip() for line in text.splitlines() if line.strip()]
     else:
-        raise FileError(f"{path}: is no list of lights; known are .lp, .csv, .txt, or a folder that holds one")
+        raise FileError(f"{path}: is not a list of lights; known are .lp, .csv, .txt, or a folder that holds one")
     return path.parent, names, lights, path
 
 
@@ -160,7 +188,7 @@ def _image_paths(folder: Path, names: list[str], count: int, source: Path) -> li
         return [folder / name for name in names]
     found = _images_of(folder)
     if len(found) > count:
-        # What else lies there, such as a texture that was written, is of another type.
+        # Other images in the folder, such as a texture that was written there, are of another type.
         kinds = [p.suffix.lower() for p in found]
         found = [p for p in found if p.suffix.lower() == max(kinds, key=kinds.count)]
     if len(found) == count:
@@ -209,7 +237,7 @@ def _response(response: str | float | None) -> Callable[[Array], Array]:
         if samples.dtype.kind == "f":
             return curve(samples.astype(np.float32), False)
         if samples.dtype not in tables:
-            # A table of all levels: no temporary copies of large images.
+            # A table of all levels avoids temporary copies of large images.
             levels = np.arange(np.iinfo(samples.dtype).max + 1, dtype=np.float32) / np.float32(np.iinfo(samples.dtype).max)
             tables[samples.dtype] = curve(levels, samples.dtype == np.uint8).astype(np.float32)
         return tables[samples.dtype][samples]

@@ -18,26 +18,55 @@ KINDS = ("3i", "gradient", "ptm", "hsh", "eigen3", "eigen6", "rbf", "height")
 
 @dataclass(frozen=True)
 class Relightable:
-    """A texture that can be lit from any direction above it: image = Σ_j c_j(light) maps_j.
+    """Texture that can be lit from any direction above it: image = Σ_j c_j(light) maps_j.
 
-    Attributes
+    Usually made by `represent` from photographs, or read by `read_relightable`.
+
+    Parameters
     ----------
     kind : str
-        One of `KINDS`.
+        One of "3i", "gradient", "ptm", "hsh", "eigen3", "eigen6", "rbf", "height"; see `represent`.
     maps : (n, H, W, C) float32 array
-        Linear values, of any sign. Pixels outside the mask are 0.
+        Linear values of any sign, with C = 1 or 3 channels. Pixels outside the mask are 0.
     basis : Basis
-        c(l).
-    chroma : (H, W, 3) float32 array, optional
-        Colour over luminance. Where given, ``maps`` has one channel, luminance, and images are its product with it.
-    mask : (H, W) bool array, optional
-        Pixels that were fitted; None means all.
-    height : (H, W) float32 array, optional
-        Of kind ``"height"``: heights in pixels, towards the camera.
-    confidence : (H, W) float32 array, optional
-        Of robust fits: the share of the lights that the fit explains, from 0 to 1.
-    notes : tuple of str
-        What was chosen in fitting.
+        The coefficients c(l) as functions of the light: an object with ``size`` n, ``evaluate`` and ``parameters``.
+    chroma : (H, W, 3) float32 array or None, optional
+        Colour over luminance. If given, ``maps`` have one channel, luminance, and images are its product with the chroma.
+        Default None: the maps have the colours.
+    mask : (H, W) bool array or None, optional
+        Pixels that were fitted. Default None: all.
+    height : (H, W) float32 array or None, optional
+        Heights in pixels towards the camera, for kind "height". Default None.
+    confidence : (H, W) float32 array or None, optional
+        The share of the lights that a robust fit explains, from 0 to 1. Default None: the fit was not robust.
+    notes : tuple of str, optional
+        What was chosen in fitting, as sentences for the user. Default none.
+
+    Raises
+    ------
+    InputError
+        If the kind is unknown, shapes don't fit each other, or the maps have values that are not finite.
+
+    See Also
+    --------
+    intaglio.represent : Fit a texture to photographs.
+    intaglio.write_relightable : Write it to a file.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 4.4.1, eq. 4.4.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> images = 0.5 * np.ones((4, 2, 3, 1)) * lights[:, 2, None, None, None]
+    >>> texture = intaglio.represent(intaglio.PhotometricStack(images, lights), "gradient", device="cpu")
+    >>> texture.kind, texture.maps.shape
+    ('gradient', (3, 2, 3, 1))
+    >>> texture.relight([0, 0, 1])[0, 0].round(3)
+    array([0.5], dtype=float32)
     """
 
     kind: str
@@ -72,16 +101,52 @@ class Relightable:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(H, W, C) of relit images."""
+        """Shape of relit images.
+
+        Returns
+        -------
+        (int, int, int)
+            Rows H, columns W, and channels C, 1 or 3.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+        >>> stack = intaglio.PhotometricStack(np.full((4, 2, 3, 3), 0.5), lights)
+        >>> intaglio.represent(stack, "gradient", device="cpu").shape
+        (2, 3, 3)
+        """
         return self.maps.shape[1], self.maps.shape[2], 3 if self.chroma is not None else self.maps.shape[3]
 
     def coefficients(self, light: Array) -> Array:
-        """Return c(l): (n,) float64 for a ``light`` (3,), or (L, n) for (L, 3).
+        """Return the weights of the maps under one light, or under many.
+
+        Parameters
+        ----------
+        light : (3,) or (L, 3) array
+            Vectors towards the light, of any length; x right, y up, z to the camera.
+
+        Returns
+        -------
+        (n,) or (L, n) float64 array
+            The coefficients c(l).
 
         Raises
         ------
         InputError
             If a light is zero, not finite, or comes from below the surface.
+
+        Examples
+        --------
+        The maps of kind "gradient" are scaled normals, and c(l) is the light itself (Lambert's law):
+
+        >>> import numpy as np
+        >>> import intaglio
+        >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+        >>> stack = intaglio.PhotometricStack(np.full((4, 2, 2, 1), 0.5), lights)
+        >>> intaglio.represent(stack, "gradient", device="cpu").coefficients([0, 3, 4])
+        array([0. , 0.6, 0.8])
         """
         lights = checked_lights(light)
         found = coefficients(self.basis, lights)
@@ -94,20 +159,32 @@ class Relightable:
         ----------
         light : (3,) or (L, 3) array
             Vectors towards the light, of any length; x right, y up, z to the camera.
-        clip : bool
-            Set negative values to 0.
+        clip : bool, optional
+            Set negative values to 0. Default True: no surface sends back less than nothing.
         device : str, optional
-            Default the CPU: the maps would travel to a GPU for every call.
+            Where images are summed up, such as "cpu" or "cuda:0". Default None: the CPU, since the maps would be copied to
+            a GPU for every call.
 
         Returns
         -------
         (H, W, C) or (L, H, W, C) float32 array
-            Linear values.
+            Linear values; row 0 is the top.
 
         Raises
         ------
         InputError
-            If a light is zero, not finite, or comes from below the surface.
+            If a light is zero, not finite, or comes from below the surface, or the device does not exist.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+        >>> images = 0.5 * np.ones((4, 2, 2, 1)) * lights[:, 2, None, None, None]
+        >>> texture = intaglio.represent(intaglio.PhotometricStack(images, lights), "gradient", device="cpu")
+        >>> image = texture.relight(intaglio.light_direction(tilt=30, slant=60))
+        >>> image.shape, image[0, 0].round(3)
+        ((2, 2, 1), array([0.25], dtype=float32))
         """
         weights = np.atleast_2d(self.coefficients(light))
         planes = self.maps.reshape(len(self.maps), -1)
@@ -119,5 +196,21 @@ class Relightable:
         return images if np.ndim(light) == 2 else images[0]
 
     def color_maps(self) -> Array:
-        """Return maps (n, H, W, C) in which chromaticity is multiplied in."""
+        """Return the maps in colour: their products with the chroma, if there is one.
+
+        Returns
+        -------
+        (n, H, W, C) float32 array
+            With C = 3 if there is a chroma, else the maps themselves.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+        >>> stack = intaglio.PhotometricStack(np.full((4, 2, 2, 3), 0.5), lights)
+        >>> texture = intaglio.represent(stack, "gradient", color="luminance", device="cpu")
+        >>> texture.maps.shape, texture.color_maps().shape
+        ((3, 2, 2, 1), (3, 2, 2, 3))
+        """
         return self.maps if self.chroma is None else self.maps * self.chroma

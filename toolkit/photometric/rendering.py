@@ -9,7 +9,7 @@ import numpy as np
 from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError
 from intaglio.files import check_readable
-from intaglio.photometric.light_positions import unit
+from intaglio.photometric.light_positions import unit_directions
 from intaglio.photometric.relightable import Relightable
 from intaglio.render import frame, relightable_bsdf, relit
 
@@ -42,13 +42,15 @@ def read_textured_mesh(path: PathLike) -> tuple[Array, Array, Array]:
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
     except Exception as error:
-        raise FileError(f"{path}: is no readable mesh ({error})") from error
+        raise FileError(f"{path}: can't be read as a mesh ({error})") from error
     uv = getattr(getattr(mesh, "visual", None), "uv", None)
     if uv is None or len(uv) != len(mesh.vertices) or len(mesh.faces) == 0:
-        raise FileError(f"{path}: has no faces with texture coordinates; unwrap it first, or give an OBJ or glTF that has them")
+        raise FileError(
+            f"{path}: has no faces with texture coordinates; parameterize it first, or give an OBJ or glTF that has them"
+        )
     vertices, faces, uv = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces), np.asarray(uv, np.float64)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise FileError(f"{path}: has faces that name vertices which are not there (there are {len(vertices)})")
+        raise FileError(f"{path}: has faces with vertex numbers that are not from 0 to {len(vertices) - 1}")
     for what, values, most in (("vertices", vertices, 1e15), ("texture coordinates", uv, 1e6)):
         if not (np.abs(values) <= most).all():
             raise FileError(f"{path}: has {what} that are not finite, or larger than {most:g}")
@@ -73,24 +75,27 @@ def render_on_mesh(
     Parameters
     ----------
     texture : Relightable
+        From `represent` or `read_relightable`.
     path : path
         Mesh with texture coordinates.
     light, direction : (3,) arrays
-        Towards the light and the eye, in the mesh's coordinates.
+        Vectors towards the light and the eye, in the mesh's coordinates.
     repeat : float
         How often the texture is repeated over the unit square of texture coordinates.
-    size : (width, height)
+    size : (rows, columns)
+        Size of the image in pixels.
     samples : int
         Paths per pixel.
     seed : int
+        Seed of the paths.
 
     Returns
     -------
     (H, W, 3) float32 array
-        Linear; white where nothing is seen.
+        Linear values; white where nothing is seen.
     """
     vertices, faces, uv = read_textured_mesh(path)
-    camera = frame(vertices, unit(np.asarray(direction, np.float64)), margin=1.05)
-    towards = unit(np.asarray(light, np.float64))
+    camera = frame(vertices, unit_directions(np.asarray(direction, np.float64)), margin=1.05)
+    towards = unit_directions(np.asarray(light, np.float64))
     bsdf = bsdf_of(texture, repeat=(repeat, repeat), back=True)
     return relit(vertices, faces, uv, bsdf, camera=camera, light=towards, size=size, samples=samples, background=1.0, seed=seed)

@@ -23,7 +23,7 @@ _COLORS = ("#3b6ea5", "#a5855a")
 
 
 def polar_plot(lights: Array) -> list[str]:
-    """Return the lights seen from above as lines of text: slant outwards to 90 degrees, tilt from the right counter-clockwise."""
+    """Return a plot of the lights seen from above as lines of text: slant from the centre, tilt counter-clockwise."""
     rows, columns = 17, 35
     canvas = [[" "] * columns for _ in range(rows)]
 
@@ -53,9 +53,9 @@ def assess_kinds(
     reasons: list[str] | None = None,
     progress: Progress | None = None,
 ) -> Reports:
-    """Return reconstruction and prediction of every kind; None where the stack's lights don't allow it.
+    """Return reconstruction and prediction of every kind; None for a kind that the stack's lights don't allow.
 
-    ``reasons``, if given, takes the reasons why not.
+    The reasons why a kind is not allowed are appended to ``reasons``, if it is given.
 
     Raises
     ------
@@ -86,10 +86,10 @@ def assess_kinds(
 
 
 def assessment_lines(found: Reports) -> list[str]:
-    """Return a table as lines: normalised rms error and relative residual, of reconstruction and of leaving one out."""
+    """Return the lines of a table: normalised rms error and relative residual, of reconstruction and of leave-one-out."""
     lines = [f"{'kind':<10}{'eta':>8}{'eta, left out':>16}{'residual':>10}{'residual, left out':>20}"]
     for kind, reports in found.items():
-        first, second = (("-", "-") if r is None else (_figure_of(r.normalised_rms), _figure_of(r.relative)) for r in reports)
+        first, second = (("-", "-") if r is None else (_figure_of(r.normalized_rms), _figure_of(r.relative)) for r in reports)
         lines.append(f"{kind:<10}{first[0]:>8}{second[0]:>16}{first[1]:>10}{second[1]:>20}")
     return lines
 
@@ -103,24 +103,27 @@ def write_assessment(
     robust: bool = False,
     device: str | None = None,
 ) -> None:
-    """Write one HTML page: table and plots of all kinds, the lights, and photographs beside what the kinds make of them.
+    """Write one HTML page: table and plots of all kinds, the lights, and photographs beside the kinds' relit images.
 
     Parameters
     ----------
     stack : PhotometricStack
+        Photographs and their lights.
     path : path
         The .html file.
     found : dict, optional
-        From `assess_kinds`; made here if not given.
+        From `assess_kinds`; default: computed here.
     title : str
+        Heading of the page.
     robust : bool
         Fit gradient and height robustly.
     device : str, optional
+        Where fits run; default CUDA if there is a GPU, else the CPU.
     """
     found = assess_kinds(stack, robust=robust, device=device) if found is None else found
     rows = []
     for kind, reports in found.items():
-        cells = [("-", "-") if r is None else (_figure_of(r.normalised_rms), _figure_of(r.relative)) for r in reports]
+        cells = [("-", "-") if r is None else (_figure_of(r.normalized_rms), _figure_of(r.relative)) for r in reports]
         rows.append([kind, *cells[0], *cells[1]])
     names = ["kind", "η", "relative residual", "η, left out", "relative residual, left out"]
     body = [table("Errors", names, rows)]
@@ -155,7 +158,7 @@ def _figure_of(value: float) -> str:
 
 
 def _reduced(image: Array, longest: int = 480) -> Array:
-    """Return means over square blocks of pixels, so that the page stays small."""
+    """Return the image reduced by means over square blocks of pixels, so that the page stays small."""
     step = -(-max(image.shape[:2]) // longest)
     rows, columns = image.shape[0] // step * step, image.shape[1] // step * step
     if step == 1 or rows == 0 or columns == 0:
@@ -172,7 +175,7 @@ def _examples(lights: Array) -> list[int]:
 
 def _bars(found: Reports) -> str:
     """Draw η per kind, reconstruction and prediction side by side."""
-    values = {k: [0.0 if r is None else float(np.nan_to_num(r.normalised_rms)) for r in pair] for k, pair in found.items()}
+    values = {k: [0.0 if r is None else float(np.nan_to_num(r.normalized_rms)) for r in pair] for k, pair in found.items()}
     top = max(max(v) for v in values.values()) or 1.0
     step = 300 / len(values)
     shapes = ""

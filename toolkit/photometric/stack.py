@@ -1,4 +1,4 @@
-"""A stack of photographs of one scene from one place, each under one known distant light."""
+"""Stacks of photographs of one scene from one place, each under one known distant light."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError
 from intaglio.files import read_samples
-from intaglio.photometric.light_positions import unit
+from intaglio.photometric.light_positions import unit_directions
 
-# Strips of all images are read and worked on this many bytes at a time.
+# Strips of all images are read and processed this many bytes at a time.
 STRIP_BYTES = 1 << 28
 
 # Rec.709.
@@ -27,15 +27,17 @@ class ImageFiles:
     Attributes
     ----------
     paths : tuple of Path
-    shape : (K, H, W, C)
+        The files, one per light.
+    shape : (int, int, int, int)
+        Number K of images, rows H, columns W and channels C.
     dtype : numpy dtype
-        Of the stored samples.
+        Type of the stored samples.
     decode : callable
-        From stored samples to linear float32 values.
+        Function from stored samples to linear float32 values.
     gain : (K, C) float64 array or None
-        What every image is multiplied by: one over the light's intensity.
+        Factors of the images: one over the light's intensity.
     mix : tuple of float, optional
-        Weights by which the channels are added up to one.
+        Weights by which the channels are summed up to one.
     """
 
     paths: tuple[Path, ...]
@@ -57,7 +59,9 @@ class ImageFiles:
         """
         samples = read_samples(self.paths[k])
         if samples.dtype != self.dtype:
-            raise FileError(f"{self.paths[k]}: holds {samples.dtype} values, the first image {self.dtype}; all must be alike")
+            raise FileError(
+                f"{self.paths[k]}: holds {samples.dtype} values, the first image {self.dtype}; all must have one type"
+            )
         if samples.ndim == 2:
             samples = samples[:, :, None]
         samples = samples[:, :, :3] if samples.shape[2] == 4 else samples[:, :, :1] if samples.shape[2] == 2 else samples
@@ -71,7 +75,7 @@ class ImageFiles:
         if image.shape != self.shape[1:]:
             raise InputError(
                 f"{self.paths[k]}: is {_size(image.shape)}, the first image is {_size(self.shape[1:])}; "
-                "all images of a stack must be alike"
+                "all images of a stack must have the same size and channels"
             )
         return np.ascontiguousarray(image, np.float32)
 
@@ -80,26 +84,48 @@ class ImageFiles:
 class PhotometricStack:
     """Photographs of one scene from one place, each under one distant light.
 
-    Attributes
+    Parameters
     ----------
-    images : (K, H, W, C) float32 array, or ImageFiles
-        Linear values; row 0 is the top. An array (K, H, W) is taken as grey.
-    lights : (K, 3) float64 array
-        Vectors towards the light, made unit; x right, y up, z to the camera.
-    mask : (H, W) bool array, optional
-        Pixels to use; None means all.
-    names : tuple of str
-        What the images are called in messages.
-    notes : tuple of str
-        What was noticed on reading.
-    ceiling : float or (K, C) array
-        Value from which on images are overexposed; infinite for values without a ceiling, such as renderings.
+    images : (K, H, W, C) float array, (K, H, W) float array or ImageFiles
+        Linear values, kept as float32; row 0 is the top. Three dimensions mean one channel. `read_stack` gives ImageFiles,
+        which are read one at a time, where the images are large.
+    lights : (K, 3) array
+        Vectors towards the lights, of any length, made unit; x right, y up, z to the camera.
+    mask : (H, W) bool array or None, optional
+        Pixels to use; other types of array count as true over one half. Default None: all.
+    names : tuple of str, optional
+        What the images are called in messages. Default: their numbers.
+    notes : tuple of str, optional
+        What was noticed on reading, as sentences for the user. Default none.
+    ceiling : float or (K, C) array, optional
+        Value from which on images are overexposed. Default 1, the highest level of an image file; infinite for values
+        without a ceiling, such as renderings.
 
     Raises
     ------
     InputError
-        If shapes don't fit, a light is zero or comes from below the surface, the mask is empty or of another size, or a
-        pixel inside the mask is not finite.
+        If shapes don't fit, images are integers, a light is zero or comes from below the surface, the mask is empty or of
+        another size, or a pixel inside the mask is not finite.
+
+    See Also
+    --------
+    intaglio.read_stack : Read a stack from files.
+    intaglio.represent : Fit a relightable texture to it.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 3.3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = [[0, 0, 1], [1, 0, 1], [0, 1, 1]]
+    >>> stack = intaglio.PhotometricStack(np.full((3, 4, 5, 3), 0.5), lights)
+    >>> stack.shape
+    (3, 4, 5, 3)
+    >>> stack.lights[1].round(3)
+    array([0.707, 0.   , 0.707])
     """
 
     images: Array | ImageFiles
@@ -119,7 +145,7 @@ class PhotometricStack:
             except (TypeError, ValueError) as error:
                 if isinstance(error, InputError):
                     raise
-                raise InputError(f"images are no (K, H, W, C) array of numbers ({error}); are all of one size?") from error
+                raise InputError(f"images are not a (K, H, W, C) array of numbers ({error}); are all of one size?") from error
             images = images[..., None] if images.ndim == 3 else images
             if images.ndim != 4 or images.size == 0:
                 raise InputError(f"images must be (K, H, W, C) or (K, H, W) with pixels, not {images.shape}")
@@ -132,7 +158,7 @@ class PhotometricStack:
         if self.mask is not None:
             mask = np.asarray(self.mask)
             if mask.dtype.kind not in "buif":
-                raise InputError(f"the mask is an array of {mask.dtype}, not of true and false")
+                raise InputError(f"the mask is an array of {mask.dtype}, not of bool")
             if mask.shape != self.shape[1:3]:
                 raise InputError(f"the mask is {mask.shape}, the images are {self.shape[1:3]}; they must be of one size")
             mask = mask if mask.dtype == bool else mask > 0.5
@@ -145,21 +171,92 @@ class PhotometricStack:
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """(K, H, W, C)."""
+        """Shape of the images.
+
+        Returns
+        -------
+        (int, int, int, int)
+            Number K of images, rows H, columns W and channels C.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.PhotometricStack(np.full((2, 4, 5), 0.5), [[0, 0, 1], [1, 0, 1]]).shape
+        (2, 4, 5, 1)
+        """
         k, h, w, c = self.images.shape
         return k, h, w, c
 
     @property
     def in_memory(self) -> bool:
-        """Whether the images are an array, not files."""
+        """Whether the images are an array rather than files that are read one at a time.
+
+        Returns
+        -------
+        bool
+            True for an array.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.PhotometricStack(np.full((2, 4, 5), 0.5), [[0, 0, 1], [1, 0, 1]]).in_memory
+        True
+        """
         return not isinstance(self.images, ImageFiles)
 
     def name(self, k: int) -> str:
-        """Return what image ``k`` is called in messages."""
+        """Return what an image is called in messages.
+
+        Parameters
+        ----------
+        k : int
+            Number of the image, from 0.
+
+        Returns
+        -------
+        str
+            The name it was given, or its number.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.PhotometricStack(np.full((2, 4, 5), 0.5), [[0, 0, 1], [1, 0, 1]]).name(1)
+        'image 1'
+        """
         return self.names[k] if self.names else f"image {k}"
 
     def image(self, k: int) -> Array:
-        """Return image ``k``, linear (H, W, C) float32, read from disk if it has to be."""
+        """Return one image, read from its file unless the stack is in memory.
+
+        Parameters
+        ----------
+        k : int
+            Number of the image, from 0.
+
+        Returns
+        -------
+        (H, W, C) float32 array
+            Linear values; row 0 is the top.
+
+        Raises
+        ------
+        FileError
+            If the file is missing or damaged, or its samples are of another type than those of the first image.
+        InputError
+            If the image's size differs from the first one's, or a pixel inside the mask is not finite.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> images = np.stack([np.full((2, 2), 0.25), np.full((2, 2), 0.75)])
+        >>> intaglio.PhotometricStack(images, [[0, 0, 1], [1, 0, 1]]).image(1)[:, :, 0]
+        array([[0.75, 0.75],
+               [0.75, 0.75]], dtype=float32)
+        """
         if isinstance(self.images, ImageFiles):
             image = self.images.read(k)
             self._check_finite(k, image)
@@ -167,15 +264,67 @@ class PhotometricStack:
         return np.asarray(self.images[k])
 
     def grey(self) -> PhotometricStack:
-        """Return the stack with the mean of the channels as its only one."""
+        """Return the stack with the mean of the channels as its only channel.
+
+        Returns
+        -------
+        PhotometricStack
+            A stack of one channel with the same lights, mask and names.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> red = np.zeros((1, 2, 2, 3)) + [0.75, 0.0, 0.0]
+        >>> intaglio.PhotometricStack(red, [[0, 0, 1]]).grey().image(0)[0, 0]
+        array([0.25], dtype=float32)
+        """
         return self.mixed((1.0 / self.shape[3],) * self.shape[3])
 
     def luminance(self) -> PhotometricStack:
-        """Return the stack with Rec.709 luminance as its only channel."""
+        """Return the stack with Rec.709 luminance as its only channel.
+
+        Returns
+        -------
+        PhotometricStack
+            A stack of one channel with the same lights, mask and names; the stack itself if it has one channel already.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> green = np.zeros((1, 2, 2, 3)) + [0.0, 0.5, 0.0]
+        >>> intaglio.PhotometricStack(green, [[0, 0, 1]]).luminance().image(0)[0, 0].round(4)
+        array([0.3576], dtype=float32)
+        """
         return self if self.shape[3] == 1 else self.mixed(LUMINANCE)
 
     def mixed(self, weights: tuple[float, ...]) -> PhotometricStack:
-        """Return the stack with the weighted sum of the channels as its only one."""
+        """Return the stack with a weighted sum of the channels as its only channel.
+
+        Parameters
+        ----------
+        weights : tuple of float
+            A weight per channel.
+
+        Returns
+        -------
+        PhotometricStack
+            A stack of one channel with the same lights, mask and names.
+
+        Raises
+        ------
+        InputError
+            If the number of weights is not that of the channels.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> color = np.zeros((1, 2, 2, 3)) + [0.5, 0.25, 1.0]
+        >>> intaglio.PhotometricStack(color, [[0, 0, 1]]).mixed((0.5, 0.5, 0.0)).image(0)[0, 0]
+        array([0.375], dtype=float32)
+        """
         if len(weights) != self.shape[3]:
             raise InputError(f"{len(weights)} weights for {self.shape[3]} channels")
         if isinstance(self.images, ImageFiles):
@@ -186,10 +335,36 @@ class PhotometricStack:
         return replace(self, images=images, ceiling=ceiling)
 
     def subset(self, indices: Sequence[int] | Array) -> PhotometricStack:
-        """Return the stack of some of the images, by number."""
+        """Return the stack of some of the images.
+
+        Parameters
+        ----------
+        indices : sequence of int
+            Numbers of the images from 0, or from -1 backwards, in the order that the new stack takes.
+
+        Returns
+        -------
+        PhotometricStack
+            Their images, lights and names, with the same mask.
+
+        Raises
+        ------
+        InputError
+            If there are no indices, or one is not that of an image.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> lights = [[0, 0, 1], [3, 0, 4], [0, 3, 4]]
+        >>> stack = intaglio.PhotometricStack(np.full((3, 2, 2), 0.5), lights)
+        >>> stack.subset([2, 0]).lights
+        array([[0. , 0.6, 0.8],
+               [0. , 0. , 1. ]])
+        """
         chosen = [int(i) for i in indices]
         if not chosen or not all(-self.shape[0] <= i < self.shape[0] for i in chosen):
-            raise InputError(f"images {chosen} are not all of the stack's {self.shape[0]}")
+            raise InputError(f"images {chosen} are not numbers of the stack's {self.shape[0]} images")
         names = tuple(self.names[i] for i in chosen) if self.names else ()
         if isinstance(self.images, ImageFiles):
             files = self.images
@@ -203,9 +378,37 @@ class PhotometricStack:
         return replace(self, images=images, lights=self.lights[chosen], names=names, ceiling=ceiling)
 
     def strips(self, size: int | None = None) -> Iterator[tuple[slice, Array]]:
-        """Yield (rows, (K, h, W, C) values) of all images together, about ``size`` bytes at a time (default `STRIP_BYTES`).
+        """Yield strips of rows of all images together.
 
         Images on disk are read again for every strip.
+
+        Parameters
+        ----------
+        size : int, optional
+            About how many bytes of float32 values to yield at a time; at least one row. Default None: 256 MiB, which keeps
+            memory small and reads images on disk seldom.
+
+        Yields
+        ------
+        rows : slice
+            The rows of the strip.
+        values : (K, h, W, C) float32 array
+            Linear values of these rows.
+
+        Raises
+        ------
+        FileError
+            As `image`.
+        InputError
+            As `image`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> stack = intaglio.PhotometricStack(np.full((2, 5, 4), 0.5), [[0, 0, 1], [1, 0, 1]])
+        >>> [(rows.start, rows.stop, values.shape) for rows, values in stack.strips(size=64)]
+        [(0, 2, (2, 2, 4, 1)), (2, 4, (2, 2, 4, 1)), (4, 5, (2, 1, 4, 1))]
         """
         k, h, w, c = self.shape
         rows = max(1, min(h, (size or STRIP_BYTES) // (4 * k * w * c)))
@@ -220,7 +423,7 @@ class PhotometricStack:
                 yield part, self.images[:, part]
 
     def _check_finite(self, k: int, image: Array) -> None:
-        # A sum is finite if all values are; the slow look at every pixel is for when it is not.
+        # The sum is finite if all values are, and is faster to find than to test every pixel.
         with np.errstate(over="ignore", invalid="ignore"):
             if np.isfinite(image.sum(dtype=np.float64)):
                 return
@@ -231,7 +434,7 @@ class PhotometricStack:
             row, column = np.argwhere(bad)[0]
             raise InputError(
                 f"{self.name(k)}: {int(bad.sum())} pixels are not finite (NaN or infinite), the first at row {row}, "
-                f"column {column}; mask them out or mend the image"
+                f"column {column}; mask them out or repair the image"
             )
 
 
@@ -240,7 +443,7 @@ def checked_lights(lights: Array, names: tuple[str, ...] = ()) -> Array:
     try:
         vectors = np.array(lights, np.float64, ndmin=2)
     except (TypeError, ValueError) as error:
-        raise InputError(f"lights are no (K, 3) array of numbers ({error})") from error
+        raise InputError(f"lights are not a (K, 3) array of numbers ({error})") from error
     if vectors.ndim != 2 or vectors.shape[1] != 3 or len(vectors) == 0:
         raise InputError(f"lights must be (K, 3) vectors x, y, z, not {vectors.shape}")
     for k, vector in enumerate(vectors):
@@ -251,7 +454,7 @@ def checked_lights(lights: Array, names: tuple[str, ...] = ()) -> Array:
             raise InputError(
                 f"light {k}{name} is {vector.tolist()}: it comes from below the surface (z must be over 0, towards the camera)"
             )
-    return np.ascontiguousarray(unit(vectors))
+    return np.ascontiguousarray(unit_directions(vectors))
 
 
 @dataclass
@@ -260,8 +463,12 @@ class Exposure:
 
     Attributes
     ----------
-    over, under, total : int
-        Values at or over the ceiling, at or under 0, and all.
+    over : int
+        Number of values at or over the ceiling.
+    under : int
+        Number of values at or under 0.
+    total : int
+        Number of all values.
     """
 
     over: int = 0

@@ -21,7 +21,7 @@ from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.ptm_file import colour_shares, polynomial_maps
 from intaglio.photometric.relightable import Relightable
 
-# The viewer's Gaussian weight is exp(−d² / sigma²): lights are spread about as far apart as it is wide.
+# The viewer's Gaussian weight is exp(−d² / sigma²); the lights are about as far apart as it is wide.
 SIGMA = 0.125
 NODES = 420
 
@@ -29,38 +29,57 @@ TILE = 256
 
 
 def write_web_planes(texture: Relightable, path: PathLike, *, tiles: bool = False, quality: int = 95) -> list[Path]:
-    """Write a texture for web RTI viewers.
+    """Write a texture for web viewers of RTI files, such as relight and OpenLIME.
 
     Parameters
     ----------
     texture : Relightable
-        Kind ``"ptm"`` is written as type ptm (colourspace lrgb where it has a chromaticity), ``"hsh"`` as hsh, all others as rbf.
+        A texture of any kind: "ptm" is written as type ptm (colourspace lrgb if it has a chromaticity), "hsh" as hsh, all
+        others as rbf, with a table of coefficients over 420 lights.
     path : path
-        ``info.json``, whatever its name; planes and, for rbf, ``materials.bin`` go beside it.
-    tiles : bool
-        Write Deep Zoom pyramids (``plane_0.dzi``, ``plane_0_files/``) instead of whole planes: for large textures, viewer
-        layout "deepzoom".
-    quality : int
-        Of JPEG, 1 to 95.
-
-    Raises
-    ------
-    FileError
-        If the name is no .json, or the files can't be written; what was there is then as it was.
+        The .json file, which viewers expect to be called ``info.json``; the planes and, for rbf, ``materials.bin`` are
+        written beside it. Files of these names are replaced, all or none.
+    tiles : bool, optional
+        Write Deep Zoom pyramids (``plane_0.dzi``, ``plane_0_files/``) instead of whole planes, for large textures and the
+        viewer's layout "deepzoom". Default False.
+    quality : int, optional
+        Quality of the JPEG planes from 1 to 95. Default 95.
 
     Returns
     -------
     list of Path
-        The files written, ``info.json`` last.
+        The files written, the .json last.
+
+    Raises
+    ------
+    FileError
+        If the suffix is not .json, or the files can't be written; files that existed are then as they were.
 
     Notes
     -----
-    Viewers show the values as they are: fit to the photographs as stored. They light hemispherical harmonics no lower than a
-    slant of 61 degrees.
+    Viewers show the values as they are, so fit to the photographs as stored (``read_stack(path, "linear")``). They light
+    hemispherical harmonics no lower than a slant of 61 degrees.
+
+    References
+    ----------
+    Ponchio, Corsini & Scopigno, "RELIGHT: A Compact and Accurate RTI Representation for the Web", Graphical Models 105, 2019.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> images = 0.5 * np.ones((4, 8, 8, 1)) * lights[:, 2, None, None, None]
+    >>> texture = intaglio.represent(intaglio.PhotometricStack(images, lights), "gradient", device="cpu")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     paths = intaglio.write_web_planes(texture, f"{folder}/info.json")
+    >>> [path.name for path in paths]
+    ['materials.bin', 'plane_0.jpg', 'info.json']
     """
     path = Path(path)
     if path.suffix.lower() != ".json":
-        raise FileError(f"{path}: the file of web planes is called info.json")
+        raise FileError(f"{path}: web planes are written as .json; viewers expect the name info.json")
     planes, described, table = _planes(texture)
     low, high = planes.min(axis=(1, 2)), planes.max(axis=(1, 2))
     if described["colorspace"] == "lrgb":

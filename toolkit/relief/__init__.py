@@ -5,7 +5,7 @@ from intaglio.relief.assess import ReliefReport, TruthComparison, assess_relief
 from intaglio.relief.completion import PreparedRelief, complete_relief, prepare_relief
 from intaglio.relief.ground import FRAMES, Hole, fit_base, list_holes, sampling_distance, smooth_over_surface
 from intaglio.relief.growth import METRICS, ORDERS, RULES, SEARCHES, ReliefSettings, Selection
-from intaglio.relief.pictures import FILLED_TINT, clay_pictures, fixed_cameras, largest_filling, shown, viewpoints
+from intaglio.relief.pictures import FILLED_TINT, choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured
 from intaglio.relief.report import COMPLETED, RELIEF, SCAN, TRUTH, relief_pictures, write_relief_report
 
 __all__ = [
@@ -31,17 +31,17 @@ __all__ = [
     "Sphere",
     "TruthComparison",
     "assess_relief",
+    "choose_viewpoints",
     "clay_pictures",
     "complete_relief",
     "fit_base",
     "fixed_cameras",
     "largest_filling",
     "list_holes",
+    "mark_pictured",
     "prepare_relief",
     "relief_pictures",
     "sampling_distance",
-    "shown",
     "smooth_over_surface",
-    "viewpoints",
     "write_relief_report",
 ]

@@ -317,7 +317,7 @@ class PreparedRelief:
         )
         notes = parameters.notes
         if settings.levels > 1:
-            ground, comparison, parameters, said = self._guided(settings, comparison, parameters, resources)
+            ground, comparison, parameters, said = self._complete_coarser(settings, comparison, parameters, resources)
             notes += said
         samples, oversampled = self._samples(ground, settings, parameters, exemplar)
         stage = run_stage(ground, samples, parameters, settings, comparison, resources, progress)
@@ -327,7 +327,7 @@ class PreparedRelief:
             notes += ("the scan has no relief over its base: what was filled is the smooth surface",)
         if stage.growth.orphans:
             notes += (f"{stage.growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-        return _completed(ground, stage, notes)
+        return _assemble(ground, stage, notes)
 
     def _resources(self, settings: ReliefSettings, seed: int, memory: float | None) -> Resources:
         """Return what the work may use, checked against the settings."""
@@ -342,7 +342,7 @@ class PreparedRelief:
             raise InputError(f"engine='blas' runs on the CPU, not on {self.device}; give device='cpu' or engine='auto'")
         return Resources(seed, self.device, memory)
 
-    def _guided(
+    def _complete_coarser(
         self, settings: ReliefSettings, comparison: Comparison, parameters: Parameters, resources: Resources
     ) -> tuple[Ground, Comparison, Parameters, tuple[str, ...]]:
         """Complete the coarser levels; return ground, comparison and parameters of the finest, guided by them, and notes."""
@@ -426,7 +426,7 @@ def _account(
     )
 
 
-def _completed(ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
+def _assemble(ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
     """Return the surface that the scan and the grown relief make together."""
     state = stage.growth.state
     vertices = ground.vertices.copy()

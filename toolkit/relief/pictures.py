@@ -13,7 +13,7 @@ _SURROUNDINGS = 1.8
 FILLED_TINT = (0.25, 0.42, 0.6)
 
 
-def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
+def choose_viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     """Return (name, direction, up) of three views: the measured part, across the seam, the filled part."""
     normal = surface.normal
     if isinstance(surface.model, SmoothBase):
@@ -46,7 +46,7 @@ def viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     return [("the scanned side", front + lift, up), ("across the seam", side + lift, up), ("the completed side", back + lift, up)]
 
 
-def shown(surface: Surface, completed: Surface) -> Array:
+def mark_pictured(surface: Surface, completed: Surface) -> Array:
     """Return which vertices (N,) of ``surface`` belong into pictures of ``completed``.
 
     All of them on a plane, cylinder or sphere. A hole in any other scan is small beside it, and something may stand before it:
@@ -86,7 +86,7 @@ def _aboutlargest_filling(surface: Surface) -> list[tuple[str, Array, Array]]:
 def fixed_cameras(surface: Surface, directions: list[tuple[str, Array, Array]]) -> list[Viewpoint]:
     """Return the cameras that see all of ``surface`` from the directions, to look at other surfaces from there too."""
     used = np.unique(surface.faces)
-    used = used[shown(surface, surface)[used]]
+    used = used[mark_pictured(surface, surface)[used]]
     return [frame(surface.vertices[used], direction, up=up, margin=1.05) for _, direction, up in directions]
 
 

@@ -12,7 +12,14 @@ from intaglio.files import listing, picture_row, write_page
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface
 from intaglio.relief.assess import ReliefReport, assess_relief
-from intaglio.relief.pictures import clay_pictures, difference_pictures, fixed_cameras, provenance_pictures, shown, viewpoints
+from intaglio.relief.pictures import (
+    choose_viewpoints,
+    clay_pictures,
+    difference_pictures,
+    fixed_cameras,
+    mark_pictured,
+    provenance_pictures,
+)
 
 SCAN, COMPLETED, TRUTH = "The scan", "Completed", "The truth"
 RELIEF = "Completed, relief alone"
@@ -63,7 +70,7 @@ def write_relief_report(
     report = assess_relief(surface, truth, device=device) if report is None else report
     if pictures is None:
         pictures = relief_pictures(surface, report, scan=scan, truth=truth, size=size)
-    names = [name for name, _, _ in viewpoints(surface)]
+    names = [name for name, _, _ in choose_viewpoints(surface)]
     body = [picture_row(heading, dict(zip(names, images, strict=True))) for heading, images in pictures.items()]
     body.append(listing("Figures", [*report.lines(), *extra]))
     body.append("<h2>Distributions</h2><div class=row>" + _distributions(report, surface) + "</div>")
@@ -80,11 +87,11 @@ def relief_pictures(
 
     Parameters are those of `write_relief_report`.
     """
-    cameras = fixed_cameras(surface, viewpoints(surface))
+    cameras = fixed_cameras(surface, choose_viewpoints(surface))
     shape = (size, size)
     rows: dict[str, list[Array]] = {}
-    seen = shown(surface, surface)
-    scan, truth = (None if s is None else s.part(shown(s, surface)) for s in (scan, truth))
+    seen = mark_pictured(surface, surface)
+    scan, truth = (None if s is None else s.part(mark_pictured(s, surface)) for s in (scan, truth))
     surface = surface.part(seen)
     if scan is not None:
         rows[SCAN] = clay_pictures(scan, cameras, size=shape)

@@ -1,7 +1,7 @@
 """Filling what is missing of an image (Yamauchi et al. 2005, section 5)."""
 
 from intaglio.restoration.assess import RestorationReport, assess_restoration
-from intaglio.restoration.pipeline import METHODS, Restoration, restore, restore_in_detail
+from intaglio.restoration.pipeline import METHODS, Restoration, restore
 from intaglio.restoration.report import write_restoration_report
 
 __all__ = [
@@ -10,6 +10,5 @@ __all__ = [
     "RestorationReport",
     "assess_restoration",
     "restore",
-    "restore_in_detail",
     "write_restoration_report",
 ]

@@ -8,7 +8,7 @@ from scipy import ndimage
 from intaglio.arrays import Array, Progress
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
-from intaglio.synthesis import NearestWindows, smoothed
+from intaglio.synthesis import NearestWindows, smooth_plane
 
 # The 5 x 5 causal kernel: two rows above, and two pixels to the left.
 _CAUSAL = [(-2, dx) for dx in range(-2, 3)] + [(-1, dx) for dx in range(-2, 3)] + [(0, -2), (0, -1)]
@@ -19,23 +19,24 @@ _QUARTER = np.array([[0, 1], [-1, 0]])
 _MIRROR = np.array([[1, 0], [0, -1]])
 ORIENTATIONS = np.stack([np.linalg.matrix_power(_QUARTER, q) @ m for m in (np.eye(2, dtype=int), _MIRROR) for q in range(4)])
 
-# Number of the orientation that first b and then a gives, and of the one that leads from b to a.
+# _AFTER[a, b]: the orientation that applies b and then a. _FROM[a, b]: the one that leads from b to a.
 _AFTER = np.array([[[np.array_equal(a @ b, c) for c in ORIENTATIONS].index(True) for b in ORIENTATIONS] for a in ORIENTATIONS])
 _FROM = np.array([[[np.array_equal(a @ b.T, c) for c in ORIENTATIONS].index(True) for b in ORIENTATIONS] for a in ORIENTATIONS])
 
-# The kernels' steps in each orientation: on a pixel's own level, and on the next coarser one.
+# The steps of the kernel in each orientation: on a pixel's own level, and on the next coarser one.
 _OWN, _COARSE = (np.stack([np.array(pattern) @ turn.T for turn in ORIENTATIONS]) for pattern in (_CAUSAL, _AROUND))
 
-# Neighbourhoods in one search structure; of larger images so many, evenly spread. Coherent candidates come from everywhere.
+# The most neighbourhoods in one search structure; larger images are searched at evenly spread ones. Coherent candidates may lie
+# anywhere.
 _MOST_WINDOWS = 8_000
 
-# Principal components of a neighbourhood that are compared; the candidates they lead to are weighed whole.
+# Principal components by which neighbourhoods are searched; the candidates found are then compared in full.
 _COMPONENTS = 24
 
-# Rings that are filled at once behind the outermost one.
+# Rings behind the outermost one that are filled at the same time.
 _RINGS = 8
 
-# Pixels whose kernels are counted at a time, to bound memory.
+# Pixels whose kernels are examined at a time, to bound memory.
 _AT_ONCE = 100_000
 
 # Width of the frame around an image that kernels may reach into.
@@ -76,17 +77,17 @@ class _Level:
         return self._flat.take(at[:, None] + step, axis=0).reshape(len(pixels), -1)
 
 
-def fill(
+def synthesize_hole(
     high: Array,
     missing: Array,
     chart: Array,
     *,
     levels: int,
     coherence: float,
-    rotations: bool,
+    orientations: int,
     progress: Progress | None = None,
 ) -> tuple[Array, Array]:
-    """Return the place (H, W, 2) that every pixel of a band copies, itself where known, and how it is turned, (H, W).
+    """Return the pixel (H, W, 2) that every pixel of a band copies, itself where known, and the orientation (H, W).
 
     Parameters
     ----------
@@ -96,45 +97,49 @@ def fill(
     chart : (H, W) int array
         0 outside; neighbourhoods do not leave the chart of their pixel.
     levels : int
-        Of the Gaussian pyramid, the paper's n + 1.
+        Levels of the Gaussian pyramid, n + 1 in section 5.4.
     coherence : float
-        The paper's kappa of coherent matching (Hertzmann et al. 2001): on the finest level, the place next to a neighbour's
-        source is taken if its squared distance is at most 1 + coherence times the nearest neighbourhood's; half of the coherence
-        on each coarser one.
-    rotations : bool
-        Compare with neighbourhoods turned and mirrored, too.
+        Kappa of coherent matching (Hertzmann et al. 2001, section 3.2): on the finest level, the pixel next to the source of
+        a neighbour is taken if its squared distance is at most 1 + coherence times that of the nearest neighbourhood; on each
+        coarser level the coherence is halved.
+    orientations : int
+        1 compares with neighbourhoods as they are, 8 also with turned and mirrored ones.
     progress : callable, optional
-        Called with pixels done and all, of all levels.
+        Called with the pixels done and all pixels, over all levels.
 
     Raises
     ------
     InputError
         If no whole neighbourhood is known.
+
+    References
+    ----------
+    Yamauchi et al., "Textures Revisited", The Visual Computer 21, 2005, section 5.4.
     """
-    pyramid = _pyramid(high, missing, chart, levels)
+    pyramid = _build_pyramid(high, missing, chart, levels)
     total = sum(int((~level.known & (level.chart > 0)).sum()) for level in pyramid)
     done = 0
     with single_threaded_blas():
         for number in range(len(pyramid) - 1, -1, -1):
             if number + 1 < len(pyramid):
-                _estimate(pyramid[number], pyramid[number + 1])
-            done = _fill_level(pyramid, number, coherence / 2**number, rotations, done, total, progress)
+                _expand_level(pyramid[number], pyramid[number + 1])
+            done = _fill_level(pyramid, number, coherence / 2**number, orientations, done, total, progress)
     return pyramid[0].source, pyramid[0].turn
 
 
-def _pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Level]:
+def _build_pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Level]:
     """Return levels, finest first, as many as leave whole neighbourhoods to copy from."""
     found: list[_Level] = []
     values, known, chart = high.astype(np.float32), ~missing & (chart > 0), chart.astype(np.int32)
     for number in range(levels):
-        if number and not whole_neighbourhoods(known, chart).any():
+        if number and not find_whole_neighbourhoods(known, chart).any():
             break
         found.append(_Level(values, known, chart))
-        # A coarse pixel is known if no missing pixel has any weight in it (the paper's quantised mask pyramid).
+        # A coarse pixel is known if no missing pixel has any weight in it (the quantised mask pyramid of section 5.4).
         touched = ndimage.maximum_filter(~known & (chart > 0), 5, mode="constant")
         inside = (chart > 0).astype(np.float32)
-        weight = smoothed(inside)
-        planes = [smoothed(values[:, :, c] * inside) / np.maximum(weight, 1e-6) for c in range(values.shape[2])]
+        weight = smooth_plane(inside)
+        planes = [smooth_plane(values[:, :, c] * inside) / np.maximum(weight, 1e-6) for c in range(values.shape[2])]
         values = np.stack(planes, axis=2)[::2, ::2].astype(np.float32)
         known, chart = (~touched & (chart > 0))[::2, ::2], chart[::2, ::2]
         if min(known.shape) < 16:
@@ -142,14 +147,14 @@ def _pyramid(high: Array, missing: Array, chart: Array, levels: int) -> list[_Le
     return found
 
 
-def whole_neighbourhoods(known: Array, chart: Array) -> Array:
-    """Return pixels whose 5 x 5 surroundings are known and of one chart."""
+def find_whole_neighbourhoods(known: Array, chart: Array) -> Array:
+    """Return the pixels, (H, W) bool, whose 5 x 5 surroundings are known and of one chart."""
     same = ndimage.minimum_filter(chart, 5, mode="constant") == ndimage.maximum_filter(chart, 5, mode="constant")
     return np.asarray(ndimage.minimum_filter(known, 5, mode="constant", cval=0) & same)
 
 
-def _estimate(level: _Level, coarse: _Level) -> None:
-    """Write what the coarser level found to this level's missing pixels."""
+def _expand_level(level: _Level, coarse: _Level) -> None:
+    """Copy the values of the coarser level to the missing pixels of this one."""
     height, width = level.known.shape
     large = np.repeat(np.repeat(coarse.values, 2, axis=0), 2, axis=1)[:height, :width]
     open_now = ~level.known & (level.chart > 0)
@@ -160,7 +165,7 @@ def _fill_level(
     pyramid: list[_Level],
     number: int,
     coherence: float,
-    rotations: bool,
+    orientations: int,
     done: int,
     total: int,
     progress: Progress | None,
@@ -170,17 +175,17 @@ def _fill_level(
     open_now = ~level.known & (level.chart > 0)
     if not open_now.any():
         return done
-    whole = whole_neighbourhoods(level.known, level.chart)
+    whole = find_whole_neighbourhoods(level.known, level.chart)
     if not whole.any():
         raise InputError("no 5 x 5 neighbourhood of known pixels is left to copy from; the mask covers nearly everything")
-    table = _Table(pyramid, number, np.argwhere(whole), rotations)
+    table = _Table(pyramid, number, np.argwhere(whole), orientations)
     pixels = np.argwhere(open_now)
     ring = ndimage.distance_transform_cdt(open_now, metric="taxicab")[open_now]
     front = _Front(open_now, level.chart, pixels, ring)
     finished = 0
     while finished < len(pixels):
         chosen = front.next_pixels()
-        source, turn = _matched(pyramid, number, table, pixels[chosen], front.orientation(chosen), coherence, whole)
+        source, turn = _match_pixels(pyramid, number, table, pixels[chosen], front.orientation(chosen), coherence, whole)
         y, x = pixels[chosen].T
         level.source[y, x], level.turn[y, x] = source, turn
         level.values[y, x] = level.values[source[:, 0], source[:, 1]]
@@ -192,7 +197,7 @@ def _fill_level(
 
 
 class _Front:
-    """The pixels to fill next: kernels' missing pixels are counted, and kept up as pixels are filled.
+    """The pixels to fill next: the missing pixels of all kernels are counted, and the counts follow as pixels are filled.
 
     Parameters
     ----------
@@ -220,11 +225,12 @@ class _Front:
         self._ready = np.flatnonzero((self._lacking == 0).any(axis=1))
 
     def next_pixels(self) -> Array:
-        """Return the numbers of all pixels that a kernel fits, as far in as the ring reached by now, and a few rings more.
+        """Return the numbers of all pixels with a complete kernel, up to a few rings behind the outermost one that has any.
 
-        Pixels that no kernel fits wait for the next ring. A front runs along a ring pixel by pixel: that rings follow each other
-        at once, a step apart, is what makes large holes quick. Where no kernel fits anywhere (a hole at the image's border, or
-        nothing but slivers known), the next pixels are the outermost ones, with the kernels that lack least.
+        Pixels without a complete kernel wait for the next ring. A front moves along a ring pixel by pixel; large holes are
+        fast because several rings are filled at the same time, each a step behind the one before. If no kernel is complete
+        anywhere (a hole at the image's border, or only slivers known), the outermost pixels are next, with the kernels that
+        lack least.
         """
         if len(self._ready):
             self._limit = max(self._limit, int(self._ring[self._ready].min()))
@@ -238,14 +244,14 @@ class _Front:
         return np.sort(rest[~self._filled[rest]])
 
     def _places(self, at: Array, chart: Array) -> tuple[Array, Array, Array]:
-        """Return which places (…, 2) lie in the image and the ``chart``, and their rows and columns, held to the image."""
+        """Return which positions (…, 2) are in the image and the ``chart``, and their rows and columns, clipped to the image."""
         height, width = self._number.shape
         y, x = np.clip(at[..., 0], 0, height - 1), np.clip(at[..., 1], 0, width - 1)
         within = (y == at[..., 0]) & (x == at[..., 1]) & (self._chart[y, x] == chart)
         return within, y, x
 
     def orientation(self, which: Array) -> Array:
-        """Return an orientation that lacks least for each of the open pixels ``which`` (by number): few different ones."""
+        """Return, for each open pixel of ``which`` (by number), an orientation whose kernel lacks least; few different ones."""
         lacking = self._lacking[which]
         possible = lacking == lacking.min(axis=1, keepdims=True)
         found = np.full(len(which), -1)
@@ -281,35 +287,36 @@ def _neighbourhoods(pyramid: list[_Level], number: int, pixels: Array, orientati
 class _Table:
     """Known neighbourhoods of one level: a search structure for each orientation, or one over all of them."""
 
-    def __init__(self, pyramid: list[_Level], number: int, candidates: Array, rotations: bool) -> None:
-        most = _MOST_WINDOWS // (8 if rotations else 1) * (2 if rotations else 1)
+    def __init__(self, pyramid: list[_Level], number: int, candidates: Array, orientations: int) -> None:
+        # With eight orientations every candidate has eight neighbourhoods: together at most twice _MOST_WINDOWS.
+        most = _MOST_WINDOWS // 4 if orientations > 1 else _MOST_WINDOWS
         if len(candidates) > most:
             candidates = candidates[np.linspace(0, len(candidates) - 1, most).astype(int)]
-        self._pyramid, self._number, self._rotations = pyramid, number, rotations
+        self._pyramid, self._number, self._all = pyramid, number, orientations > 1
         self._candidates = candidates
         self._nearest: dict[int, NearestWindows] = {}
-        self._places = np.tile(candidates, (8, 1)) if rotations else candidates
+        self._places = np.tile(candidates, (8, 1)) if self._all else candidates
 
     def find(self, orientation: int, queries: Array) -> tuple[Array, Array]:
         """Return the place (Q, 2) and orientation (Q,) of the nearest neighbourhood for queries (Q, D) of one orientation."""
-        key = 0 if self._rotations else orientation
+        key = 0 if self._all else orientation
         if key not in self._nearest:
-            turned = range(8) if self._rotations else (orientation,)
+            turned = range(8) if self._all else (orientation,)
             rows = [
                 _neighbourhoods(self._pyramid, self._number, self._candidates, np.full(len(self._candidates), o)) for o in turned
             ]
             self._nearest[key] = NearestWindows(np.concatenate(rows), _COMPONENTS, relative=True)
         found = self._nearest[key].find(queries)
-        seen = found // len(self._candidates) if self._rotations else np.full(len(found), orientation)
+        seen = found // len(self._candidates) if self._all else np.full(len(found), orientation)
         return self._places[found], seen
 
 
-def _matched(
+def _match_pixels(
     pyramid: list[_Level], number: int, table: _Table, pixels: Array, orientation: Array, coherence: float, whole: Array
 ) -> tuple[Array, Array]:
-    """Return the place (M, 2) that each pixel copies, of the nearest neighbourhood or one that continues a neighbour's.
+    """Return the pixel (M, 2) that each pixel copies, and the orientation (M,) in which its surroundings appear there.
 
-    Also the orientation (M,) in which the pixel's surroundings appear there.
+    The pixel has the nearest neighbourhood, or continues what a neighbour copies.
     """
     level = pyramid[number]
     query = _neighbourhoods(pyramid, number, pixels, orientation)
@@ -318,7 +325,7 @@ def _matched(
         which = orientation == o
         place[which], seen[which] = table.find(int(o), query[which])
     turn = _FROM[seen, orientation]
-    least = _apart(_neighbourhoods(pyramid, number, place, seen), query)
+    least = _relative_distance(_neighbourhoods(pyramid, number, place, seen), query)
     height, width = level.known.shape
     steps = _OWN[orientation]
     around = pixels[:, None, :] + steps
@@ -339,7 +346,7 @@ def _matched(
     row, spot, leads = row[usable], spot[usable], leads[usable]
     if len(row) == 0:
         return place, turn
-    away = _apart(_neighbourhoods(pyramid, number, spot, _AFTER[leads, orientation[row]]), query[row])
+    away = _relative_distance(_neighbourhoods(pyramid, number, spot, _AFTER[leads, orientation[row]]), query[row])
     order = np.lexsort((away, row))
     order = order[np.concatenate([[True], np.diff(row[order]) != 0])]
     row, spot, leads, away = row[order], spot[order], leads[order], away[order]
@@ -348,8 +355,8 @@ def _matched(
     return place, turn
 
 
-def _apart(a: Array, b: Array) -> Array:
-    """Return |a - b|^2 / (|a|^2 + |b|^2) of neighbourhoods (M, D): of two that match badly, not the paler one is nearer."""
+def _relative_distance(a: Array, b: Array) -> Array:
+    """Return |a - b|^2 / (|a|^2 + |b|^2) of neighbourhoods (M, D): unlike |a - b|^2, it does not prefer low contrast."""
     both = np.einsum("ij,ij->i", a, a) + np.einsum("ij,ij->i", b, b)
     found: Array = np.einsum("ij,ij->i", a - b, a - b) / np.maximum(both, 1e-12)
     return found

@@ -7,17 +7,17 @@ from scipy import fft
 
 from intaglio.arrays import Array
 
-# The paper's threshold of the deviation of the autocorrelation, for luminances in [0, 1], and the largest number of subbands.
+# Threshold of the deviation of the autocorrelation, for luminances in [0, 1], and the largest number of subbands (section 5.2).
 DEVIATION = 0.001
 MOST_SUBBANDS = 16
 
-# Times the least deviation.
+# Where no band is below the threshold: the largest accepted deviation, in units of the least one.
 _HARDLY_MORE = 1.1
 
 # Images are analysed at no more than about this many pixels a side: large structures need no more.
 _ANALYSED = 512
 
-# CIE Y of linear Rec.709; the paper takes Y since shadows and gradients are most prominent there.
+# CIE Y of linear Rec.709; the authors use Y because shadows and gradients are most prominent in it.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
@@ -57,7 +57,7 @@ def deviations(image: Array) -> Array:
         height, width = luminance.shape[0] // down * down, luminance.shape[1] // across * across
         luminance = luminance[:height, :width].reshape(height // down, down, width // across, across).mean(axis=(1, 3))
     height, width = luminance.shape
-    # A square with zeros around, as in the paper: frequencies mean the same along both sides then.
+    # Padded with zeros to a square, as in section 5.2, so that frequencies are the same along both sides.
     side = max(height, width)
     found = []
     for kappa in range(MOST_SUBBANDS + 1):
@@ -70,10 +70,10 @@ def deviations(image: Array) -> Array:
     return np.array(found)
 
 
-def chosen_kappa(image: Array) -> int:
+def choose_kappa(image: Array) -> int:
     """Return the lowest number of subbands whose high band deviates by less than `DEVIATION`.
 
-    Where none does, since the texture itself is strong and regular, the lowest that deviates hardly more than the best.
+    If none does, because the texture itself is strong and regular, the lowest that deviates little more than the best.
     """
     found = deviations(image)
     return int(np.flatnonzero(found < max(DEVIATION, _HARDLY_MORE * float(found.min()) + 1e-12))[0])

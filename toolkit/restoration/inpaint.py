@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array
-from intaglio.sparse import DIRECT, solved
+from intaglio.sparse import DIRECT, solve_symmetric
 
 # The diffusion kernel of Oliveira et al. (2001), figure 1: its middle is zero.
 _DIAGONAL, _DIRECT_NEIGHBOUR = 0.073235, 0.176765
@@ -20,8 +20,9 @@ _STEPS = [(dy, dx, _DIAGONAL if dy and dx else _DIRECT_NEIGHBOUR) for dy in (-1,
 def inpaint(image: Array, missing: Array, *, chart: Array, barriers: Array | None = None) -> Array:
     """Return an image (H, W, C) float32 whose missing pixels are the limit of diffusion from the known ones.
 
-    Repeating Oliveira's convolution until nothing changes is solving for the image that it leaves as it is; many missing pixels
-    are solved on an image of half the size first. Pixels that no known one can reach take the mean of all known ones.
+    The limit of Oliveira's repeated convolution is the image that the convolution leaves unchanged, which is the solution of
+    a sparse system; if many pixels are missing, an image of half the size is solved first. Pixels that are not connected to
+    a known one take the mean of all known pixels.
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ def inpaint(image: Array, missing: Array, *, chart: Array, barriers: Array | Non
         Values where ``missing`` may be anything.
     missing : (H, W) bool array
     chart : (H, W) int array
-        Number of the chart that a pixel belongs to; nothing diffuses from one to another. Pixels of none, 0, stay zero.
+        Number of the chart that a pixel belongs to; nothing diffuses from one to another. Pixels outside of all, 0, stay zero.
     barriers : (H, W) bool array, optional
         Pixels across which nothing diffuses: they take colour, but give none.
 
@@ -44,21 +45,21 @@ def inpaint(image: Array, missing: Array, *, chart: Array, barriers: Array | Non
         return values
     walls = np.zeros_like(missing) if barriers is None else barriers
     gives = (known | missing) & ~walls
-    return _diffused(values, missing, known, gives, chart)
+    return _diffuse(values, missing, known, gives, chart)
 
 
-def _diffused(values: Array, missing: Array, known: Array, gives: Array, chart: Array) -> Array:
-    """Solve for the missing pixels that give, then let walls take what lies beside them."""
+def _diffuse(values: Array, missing: Array, known: Array, gives: Array, chart: Array) -> Array:
+    """Solve for the missing pixels outside of barriers, then let barriers take the colour of their neighbours."""
     mean = values[known].mean(axis=0)
-    # Islands of missing pixels that touch no known one have no answer but the mean.
-    unknown = _reached(missing, gives, chart)
+    # Islands of missing pixels without a known neighbour have no solution: they take the mean.
+    unknown = _find_reachable(missing, gives, chart)
     result = values.copy()
     result[missing] = mean
     if unknown.any():
         start = values
         if unknown.sum() > DIRECT:
-            start = _coarse_answer(values, missing, known, gives, chart)
-        result[unknown] = _limit(values, unknown, (gives & ~missing) | unknown, chart, start)
+            start = _solve_coarse(values, missing, known, gives, chart)
+        result[unknown] = _solve_limit(values, unknown, (gives & ~missing) | unknown, chart, start)
     done = known | unknown
     walls = missing & ~gives
     while (walls & ~done).any():
@@ -70,8 +71,8 @@ def _diffused(values: Array, missing: Array, known: Array, gives: Array, chart: 
     return result
 
 
-def _reached(missing: Array, gives: Array, chart: Array) -> Array:
-    """Return the missing pixels that give and that something known of their own chart leads to."""
+def _find_reachable(missing: Array, gives: Array, chart: Array) -> Array:
+    """Return the missing pixels outside of barriers that are connected to a known pixel of their own chart."""
     unknown = missing & gives
     count = int(unknown.sum())
     number = np.full(gives.shape, -1)
@@ -91,7 +92,7 @@ def _reached(missing: Array, gives: Array, chart: Array) -> Array:
     return reached
 
 
-def _limit(values: Array, unknown: Array, conducts: Array, chart: Array, start: Array) -> Array:
+def _solve_limit(values: Array, unknown: Array, conducts: Array, chart: Array, start: Array) -> Array:
     """Return the unknown pixels' values (M, C): each the weighted mean of its neighbours that conduct."""
     count = int(unknown.sum())
     number = np.full(unknown.shape, -1)
@@ -106,11 +107,11 @@ def _limit(values: Array, unknown: Array, conducts: Array, chart: Array, start: 
         columns.append(number[y[~known], x[~known]])
         weights.append(np.full(len(columns[-1]), -weight))
     table = coo_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=(count, count))
-    return solved(csr_array(table + diags_array(total)), right, start[unknown].astype(np.float64))
+    return solve_symmetric(csr_array(table + diags_array(total)), right, start[unknown].astype(np.float64))
 
 
 def _means(values: Array, done: Array, pixels: Array, chart: Array) -> Array:
-    """Return the weighted means (M, C) of what is done beside ``pixels``."""
+    """Return the weighted means (M, C) of the finished neighbours of ``pixels``."""
     count = int(pixels.sum())
     total, summed = np.zeros(count), np.zeros((count, values.shape[2]))
     for pixel, y, x, weight in _neighbours(pixels, done, chart):
@@ -129,8 +130,8 @@ def _neighbours(pixels: Array, conducts: Array, chart: Array) -> Iterator[tuple[
         yield np.flatnonzero(there), ny[there], nx[there], weight
 
 
-def _coarse_answer(values: Array, missing: Array, known: Array, gives: Array, chart: Array) -> Array:
-    """Return a start (H, W, C) from the same task on means of 2 x 2 pixels."""
+def _solve_coarse(values: Array, missing: Array, known: Array, gives: Array, chart: Array) -> Array:
+    """Return initial values (H, W, C) from the same problem on means of 2 x 2 pixels."""
     seen = known & gives
     weight = _blocks(seen)
     planes = [_blocks(np.where(seen, values[:, :, c], 0)) for c in range(values.shape[2])]
@@ -138,7 +139,7 @@ def _coarse_answer(values: Array, missing: Array, known: Array, gives: Array, ch
     open_now = (weight == 0) & (_blocks(missing & gives) > 0)
     padded = np.pad(chart, ((0, chart.shape[0] % 2), (0, chart.shape[1] % 2)))
     coarse = np.max([padded[::2, ::2], padded[1::2, ::2], padded[::2, 1::2], padded[1::2, 1::2]], axis=0)
-    below = _diffused(mean, open_now, weight > 0, open_now | (weight > 0), coarse)
+    below = _diffuse(mean, open_now, weight > 0, open_now | (weight > 0), coarse)
     return np.repeat(np.repeat(below, 2, axis=0), 2, axis=1)[: missing.shape[0], : missing.shape[1]]
 
 

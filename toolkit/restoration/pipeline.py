@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_choice, checked_count, checked_number
+from intaglio.checks import checked_choice, checked_count, checked_mask, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.kernels.pull_push import continued
-from intaglio.restoration.fill import fill, whole_neighbourhoods
-from intaglio.restoration.frequency import MOST_SUBBANDS, chosen_kappa, low_band
+from intaglio.kernels.pull_push import continue_image
+from intaglio.restoration.fill import find_whole_neighbourhoods, synthesize_hole
+from intaglio.restoration.frequency import MOST_SUBBANDS, choose_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
-from intaglio.restoration.poisson import corrected
-from intaglio.synthesis import SIDES, SampleMaps, checked_mask, refined
+from intaglio.restoration.poisson import fit_to_surroundings
+from intaglio.synthesis import SIDES, SampleMaps, optimize_texture
 
-# Windows of the known part that the filled one is matched with.
+# The most windows of the known part that the filled part is matched with.
 _MOST_WINDOWS = 8_000
 
-# Fine contrast is what a Gaussian of so many pixels takes away; surroundings are weighed by one of so many; and it is changed by
-# no more than this factor.
+# Fine contrast is what a Gaussian of _FINE pixels removes; the contrast of the surroundings is weighted by a Gaussian of
+# _SURROUNDINGS pixels; the contrast changes by a factor of at most _MOST_CONTRAST.
 _FINE, _SURROUNDINGS, _MOST_CONTRAST = 2.0, 24.0, 1.25
 
 METHODS = ("split", "inpaint", "synthesize")
@@ -31,21 +30,38 @@ METHODS = ("split", "inpaint", "synthesize")
 
 @dataclass(frozen=True)
 class Restoration:
-    """A restored image, and how it came about.
+    """A restored image, with its provenance.
 
     Attributes
     ----------
     image : (H, W) or (H, W, C) array
-        Of the given image's type; known pixels have its bits.
+        The restored image, of the given image's type; known pixels have the given bits.
     missing : (H, W) bool array
-        What was filled.
+        The pixels that were filled.
     source : (H, W, 2) int32 array
-        Row and column of the pixel whose detail each pixel carries: itself where known. All themselves for inpainting alone.
+        Row and column of the pixel whose detail each pixel carries; known pixels carry their own, and with inpainting alone
+        all do.
     low : (H, W) or (H, W, C) float64 array
         The low band, with its missing part inpainted; zero for synthesis alone.
     kappa : int
-        Number of subbands in it.
+        Number of subbands in the low band.
     notes : tuple of str
+        What was chosen, in words.
+
+    See Also
+    --------
+    intaglio.restore : Makes one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> ramp = np.tile(np.linspace(0, 1, 24), (24, 1))
+    >>> hole = np.zeros(ramp.shape, bool)
+    >>> hole[8:14, 9:15] = True
+    >>> restored = intaglio.restore(ramp, hole, "inpaint", device="cpu")
+    >>> bool(np.allclose(restored.image, ramp, atol=1e-5))
+    True
     """
 
     image: Array
@@ -56,36 +72,7 @@ class Restoration:
     notes: tuple[str, ...] = ()
 
 
-def restore(image: Array, missing: Array, method: str = "split", **options: Any) -> Array:
-    """Fill the missing pixels of an image; see `restore_in_detail`, which also tells how, for all options.
-
-    Parameters
-    ----------
-    image : (H, W) or (H, W, C) array
-        Values in the missing pixels may be anything.
-    missing : (H, W) bool array
-        True where to fill.
-    method : {"split", "inpaint", "synthesize"}
-        Both bands, each by the method that suits it; or one method for the whole image.
-
-    Returns
-    -------
-    array
-        Of the image's shape and type; known pixels unchanged to the bit.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> image = np.full((32, 32), 0.5, np.float32)
-    >>> hole = np.zeros((32, 32), bool)
-    >>> hole[10:20, 12:18] = True
-    >>> bool(np.allclose(restore(np.where(hole, 0, image), hole), 0.5))
-    True
-    """
-    return restore_in_detail(image, missing, method, **options).image
-
-
-def restore_in_detail(
+def restore(
     image: Array,
     missing: Array,
     method: str = "split",
@@ -93,7 +80,7 @@ def restore_in_detail(
     kappa: int | None = None,
     levels: int = 3,
     coherence: float = 10.0,
-    rotations: bool = False,
+    orientations: int = 1,
     refine: int = 1,
     seams: bool | None = None,
     barriers: Array | None = None,
@@ -101,55 +88,89 @@ def restore_in_detail(
     device: str | None = None,
     progress: Progress | None = None,
 ) -> Restoration:
-    """Fill the missing pixels of an image, and tell how.
+    """Fill the missing pixels of an image.
 
-    The image is split by a cosine transform. What is missing of the low band, its large structures and gradients, is inpainted
-    by diffusion; what is missing of the high band, its detail, is synthesised from the known part, neighbourhood by
-    neighbourhood, on a Gaussian pyramid. The sum is the result.
+    The image is split into two bands by a cosine transform. The missing part of the low band, its large structures and
+    gradients, is inpainted by diffusion; that of the high band, its detail, is synthesised from the known part, neighbourhood
+    by neighbourhood, on a Gaussian pyramid. The sum is the result. It is computed on the CPU, except for the continuation of
+    the image past its border.
 
     Parameters
     ----------
     image : (H, W) or (H, W, C) array
-        Of floats or integers, in the values that should look alike: display values rather than linear ones.
+        Floats or integers, at most 16 channels; display values rather than linear ones, so that equal differences are equally
+        visible. Missing pixels may hold anything.
     missing : (H, W) bool array
-    method : {"split", "inpaint", "synthesize"}
+        The pixels to fill.
+    method : {"split", "inpaint", "synthesize"}, optional
+        Both bands, each by the method that suits it; or one of the methods for the whole image. Default "split", as
+        published.
     kappa : int, optional
-        Number of subbands of the low band, 0 to 512. Default: the lowest that leaves the high band homogeneous.
-    levels : int
-        Of the pyramid, 1 to 6: the paper's n + 1.
-    coherence : float
-        Weight of continuing what neighbours copy over taking the nearest neighbourhood, 0 to 100 (Hertzmann et al. 2001).
-    rotations : bool
-        Also compare with neighbourhoods turned by quarters and mirrored.
-    refine : int
-        Passes of texture optimisation over the filled region, with windows of 8 pixels, 0 to 10; 0: the paper's synthesis alone.
+        Number of subbands in the low band, 0 to 512; a subband is half a cycle over the longer side. Only for "split".
+        Default None: the smallest number that leaves the high band homogeneous.
+    levels : int, optional
+        Levels of the pyramid, 1 to 6; n + 1 in section 5.4.
+    coherence : float, optional
+        Preference for continuing what neighbours copy over the nearest neighbourhood, 0 to 100; kappa in Hertzmann et al.
+    orientations : {1, 8}, optional
+        1 compares with neighbourhoods as they are, 8 also with those turned by quarters and mirrored. Default 1, since most
+        textures have an up and a down.
+    refine : int, optional
+        Passes of texture optimisation over the filled region, with windows of 8 pixels, 0 to 10. 0 is the synthesis as
+        published.
     seams : bool, optional
-        Fit filled pixels to the known ones around them by their sources' differences (Poisson). Default: for the split; it
-        diffuses what is known, which synthesis alone does not.
+        Fit the filled pixels to the known ones around them by the differences of their sources (Poisson). Default None: for
+        "split" only, as it diffuses what is known, which synthesis alone does not.
     barriers : (H, W) bool array, optional
-        Pixels that give no colour when diffusing, so that an edge stays an edge (two pixels wide to hold diagonally).
+        Pixels across which nothing diffuses, so that an edge stays an edge; a slanted line must be two pixels wide. Default
+        None: there are none.
     inside : (H, W) bool or int array, optional
-        Pixels that belong to the image, or the number of the chart they belong to, 0 for none. What is outside neither gives
-        nor takes, stays as it is, and neighbourhoods don't leave their chart.
+        Pixels that belong to the image, or the number of the chart to which each belongs, 0 for none. Pixels outside are
+        neither used nor changed, and neighbourhoods don't leave their chart. Default None: the whole image is one chart.
     device : str, optional
-        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+        ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with pixels done and all, of all levels of the synthesis.
+        Called with the pixels done and all pixels, over all levels of the synthesis.
+
+    Returns
+    -------
+    Restoration
+        ``.image`` has the shape and type of the given image, and the bits of its known pixels.
 
     Raises
     ------
     InputError
-        For shapes that don't fit, known values that are not finite, a mask that covers everything, or options out of range.
+        For shapes that don't agree, known values that are not finite, a mask that covers everything, and options out of
+        range.
+
+    See Also
+    --------
+    intaglio.restore_texture : The same for the texture of a surface.
+    intaglio.assess_restoration : How well the result fits its surroundings.
 
     References
     ----------
-    Yamauchi et al., Textures revisited (2005), section 5. Oliveira et al., Fast digital image inpainting (2001). Hertzmann et
-    al., Image analogies (2001). Pérez et al., Poisson image editing (2003).
+    Yamauchi et al., "Textures Revisited", The Visual Computer 21, 2005, section 5. Oliveira et al., "Fast Digital Image
+    Inpainting", VIIP 2001, section 3. Hertzmann et al., "Image Analogies", SIGGRAPH 2001, section 3.2. Pérez et al.,
+    "Poisson Image Editing", SIGGRAPH 2003.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> image = np.full((32, 32), 0.5, np.float32)
+    >>> hole = np.zeros((32, 32), bool)
+    >>> hole[10:20, 12:18] = True
+    >>> restored = intaglio.restore(np.where(hole, 0, image), hole, device="cpu")
+    >>> bool(np.allclose(restored.image, 0.5))
+    True
     """
     checked_choice("method", method, METHODS)
     levels = checked_count("levels", levels, 1, 6)
     refine = checked_count("refine", refine, 0, 10)
     coherence = checked_number("coherence", coherence, 0, 100)
+    if checked_count("orientations", orientations, 1, 8) not in (1, 8):
+        raise InputError(f"orientations must be 1 (as they are) or 8 (turned and mirrored, too), not {orientations!r}")
     if kappa is not None:
         kappa = checked_count("kappa", kappa, 0, 512)
     chosen = device_or_error(device)
@@ -183,39 +204,39 @@ def restore_in_detail(
     scaled = ((exact - low_end) / span).astype(np.float32)
     smooth = inpaint(scaled, hole, chart=chart, barriers=stops)
     notes: list[str] = []
-    if method != "inpaint" and not whole_neighbourhoods(known, chart).any():
-        notes.append("no 5 x 5 pixels are known together, there is nothing to synthesise from: inpainted")
+    if method != "inpaint" and not find_whole_neighbourhoods(known, chart).any():
+        notes.append("no 5 x 5 neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
         method = "inpaint"
     result, low, source, bands = smooth, smooth, here, MOST_SUBBANDS
     if method != "inpaint":
-        # Transforms see the whole rectangle: outside, the nearest colours go on.
-        whole = continued(smooth, usable, chosen)
+        # The transform needs the whole rectangle: outside, the nearest colours continue.
+        whole = continue_image(smooth, usable, chosen)
         bands = 0
         if method == "split":
-            bands = chosen_kappa(whole) if kappa is None else kappa
+            bands = choose_kappa(whole) if kappa is None else kappa
             notes.append(f"low band: {bands} subbands" + (", chosen by the high band's autocorrelation" if kappa is None else ""))
         low = low_band(whole, bands)
         high = whole - low
         if bands:
             low = inpaint(low, hole, chart=chart, barriers=stops)
-        source, turn = fill(
+        source, turn = synthesize_hole(
             np.where(hole[:, :, None], 0 if bands else high, high),
             hole,
             chart,
             levels=levels,
             coherence=coherence,
-            rotations=rotations,
+            orientations=orientations,
             progress=progress,
         )
         grown = np.where(source < 0, here, source)
-        source = _refined(high, known, grown, hole, refine, notes)
-        # Optimisation compares and copies windows as they are.
+        source = _optimize_hole(high, known, grown, hole, refine, notes)
+        # Texture optimisation compares and copies windows unturned.
         turn = np.where((source == grown).all(axis=2), turn, 0)
         detail = high[source[:, :, 0], source[:, :, 1]]
         if seams or (seams is None and method == "split"):
-            detail = corrected(detail, high, source, turn, hole, chart)
-        result = low + _contrast_of_surroundings(detail, hole, known)
-    filled = _as_given(result.astype(np.float64) * span + low_end, given, low_end, high_end)
+            detail = fit_to_surroundings(detail, high, source, turn, hole, chart)
+        result = low + match_contrast(detail, hole, known)
+    filled = _restore_type(result.astype(np.float64) * span + low_end, given, low_end, high_end)
     image_out = given.copy().reshape(values.shape)
     image_out[hole] = filled[hole]
     return Restoration(
@@ -228,7 +249,7 @@ def restore_in_detail(
     )
 
 
-def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int, notes: list[str]) -> Array:
+def _optimize_hole(high: Array, known: Array, source: Array, hole: Array, passes: int, notes: list[str]) -> Array:
     """Return the provenance after texture optimisation over the hole."""
     if passes == 0:
         return source
@@ -238,7 +259,7 @@ def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int,
     left, right = max(columns.min() - SIDES[0], 0), min(columns.max() + SIDES[0] + 1, hole.shape[1])
     frame = (slice(top, bottom), slice(left, right))
     sample = SampleMaps(high, np.ascontiguousarray(np.moveaxis(high, 2, 0)), known)
-    better, sides = refined(
+    better, sides = optimize_texture(
         sample,
         source[frame],
         block=SIDES[-1],
@@ -255,10 +276,10 @@ def _refined(high: Array, known: Array, source: Array, hole: Array, passes: int,
     return result
 
 
-def _contrast_of_surroundings(detail: Array, hole: Array, known: Array) -> Array:
-    """Return the band with its filled part brought to the fine contrast that the known part around it has.
+def match_contrast(detail: Array, hole: Array, known: Array) -> Array:
+    """Return the band with the fine contrast of its filled part scaled to that of the known part around it.
 
-    Matching prefers what fits, and what fits best has often a little less contrast than what it should fit.
+    Matching prefers what fits best, and that often has a little less contrast than its surroundings.
     """
     smooth = np.stack([ndimage.gaussian_filter(plane, _FINE) for plane in np.moveaxis(detail, 2, 0)], axis=2)
     fine = detail - smooth
@@ -271,11 +292,11 @@ def _contrast_of_surroundings(detail: Array, hole: Array, known: Array) -> Array
         mean = total / np.maximum(weight, 1e-6)
         if near.all() or not near.any():
             return np.asarray(mean)
-        # Deep inside a hole nothing known is near: what is nearest counts.
+        # Deep inside a hole no known pixel has any weight: the nearest mean counts.
         rows, columns = ndimage.distance_transform_edt(~near, return_distances=False, return_indices=True)
         return np.asarray(mean[rows, columns])
 
-    # Next to the border, differences reach across it.
+    # Next to the border, the fine contrast contains differences across it.
     outer = known & ~ndimage.binary_dilation(hole, iterations=2)
     factor = np.sqrt(around(outer) / np.maximum(around(hole), 1e-12))
     factor = np.clip(factor, 1 / _MOST_CONTRAST, _MOST_CONTRAST)
@@ -286,7 +307,7 @@ def _checked_image(image: Array) -> Array:
     try:
         array = np.asarray(image)
     except (TypeError, ValueError) as problem:
-        raise InputError(f"image is no array of numbers ({problem})") from problem
+        raise InputError(f"image is not an array of numbers ({problem})") from problem
     if array.dtype.kind not in "fiu":
         raise InputError(f"image must hold real numbers, not {array.dtype}")
     if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and array.size and np.abs(array.astype(np.float64)).max() > 2**53:
@@ -303,19 +324,19 @@ def _checked_charts(inside: Array | None, shape: tuple[int, ...]) -> Array:
     try:
         array = np.asarray(inside)
     except ValueError as problem:
-        raise InputError(f"inside is no array ({problem})") from problem
+        raise InputError(f"inside is not an array ({problem})") from problem
     if array.shape != tuple(shape) or array.dtype.kind not in "bui":
         raise InputError(f"inside must be bool or integers of shape {tuple(shape)}, not {array.dtype} {array.shape}")
     if array.dtype.kind == "i" and array.size and array.min() < 0:
-        raise InputError("inside must hold chart numbers from 1, and 0 outside; it has negative ones")
+        raise InputError("inside must hold chart numbers from 1 and 0 outside, but it has negative ones")
     labels, number = np.unique(array, return_inverse=True)
     # Numbered anew: labels may be of any size.
     return number.reshape(array.shape).astype(np.int32) + (0 if labels[0] == 0 else 1)
 
 
-def _as_given(values: Array, given: Array, low: float, high: float) -> Array:
-    """Return values of the given image's type; integers are rounded and held to their range."""
+def _restore_type(values: Array, given: Array, low: float, high: float) -> Array:
+    """Return values in the type of the given image, clipped to the known range; integers are rounded."""
     if given.dtype.kind in "iu":
         return np.clip(np.rint(values), low, high).astype(given.dtype)
-    # A sum of two bands can leave the known range a little; light below zero, or far above, would be no colour.
+    # The sum of two bands can leave the known range a little, even below zero, which is no colour.
     return np.clip(values, low, high).astype(given.dtype)

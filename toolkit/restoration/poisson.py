@@ -7,13 +7,13 @@ from scipy.sparse import csr_array
 
 from intaglio.arrays import Array
 from intaglio.restoration.fill import ORIENTATIONS
-from intaglio.sparse import solved
+from intaglio.sparse import solve_symmetric
 
-# Pull towards what was filled, against a difference between neighbours: it settles islands that no known pixel borders.
+# Weight of the filled values against the differences between neighbours: it determines islands without a known neighbour.
 _PULL = 1e-4
 
 
-def corrected(filled: Array, band: Array, source: Array, turn: Array, missing: Array, chart: Array) -> Array:
+def fit_to_surroundings(filled: Array, band: Array, source: Array, turn: Array, missing: Array, chart: Array) -> Array:
     """Return the band (H, W, C) with its missing pixels fitted to known neighbours and to their sources' differences.
 
     Minimises sum (u_p - u_q - g_pq)^2 over neighbours p, q of which one at least is missing; g_pq is the difference between
@@ -30,7 +30,7 @@ def corrected(filled: Array, band: Array, source: Array, turn: Array, missing: A
         Orientation, of `ORIENTATIONS`, in which a pixel's surroundings appear about its source.
     missing : (H, W) bool array
     chart : (H, W) int array
-        Pixels of different charts are no neighbours; 0 is none.
+        Pixels of different charts are not neighbours; 0 is outside of all.
     """
     number = np.full(missing.shape, -1)
     number[missing] = np.arange(missing.sum())
@@ -54,7 +54,7 @@ def corrected(filled: Array, band: Array, source: Array, turn: Array, missing: A
         back = _difference(band, source[qy, qx], ORIENTATIONS[turn[qy, qx]] @ (-dy, -dx), missing, chart)
         both = np.isfinite(back[:, 0]) & missing[qy, qx]
         wanted = np.where(both[:, None], np.where(np.isfinite(wanted), (wanted - back) / 2, -back), wanted)
-        # Where neither end's source has such a neighbour, what was filled tells.
+        # If the source of neither end has such a neighbour, the difference of the filled values is kept.
         wanted = np.where(np.isfinite(wanted), wanted, filled[py, px] - filled[qy, qx])
         diagonal += np.bincount(p, minlength=count)
         known = ~missing[qy, qx]
@@ -69,7 +69,7 @@ def corrected(filled: Array, band: Array, source: Array, turn: Array, missing: A
     off = csr_array((np.full(len(r), -1.0), (r, c_)), shape=(count, count))
     system = off + csr_array((diagonal + _PULL, np.arange(count), np.arange(count + 1)), shape=(count, count))
     result = filled.copy()
-    result[missing] = solved(csr_array(system), right, start)
+    result[missing] = solve_symmetric(csr_array(system), right, start)
     return result
 
 

@@ -3,42 +3,43 @@
 from intaglio.synthesis.assess import SynthesisReport, assess_synthesis
 from intaglio.synthesis.growing import grow
 from intaglio.synthesis.nearest import NearestWindows
-from intaglio.synthesis.pipelines import METHODS, synthesize, synthesize_each_light
-from intaglio.synthesis.pyramid import smoothed
-from intaglio.synthesis.quilting import CONTINUATIONS, CUTS, METRICS, quilt
+from intaglio.synthesis.options import CONTINUATIONS, CUTS, GrowOptions, QuiltOptions
+from intaglio.synthesis.pipelines import synthesize, synthesize_each_light
+from intaglio.synthesis.pyramid import smooth_plane
+from intaglio.synthesis.quilting import quilt
 from intaglio.synthesis.ranking_page import read_trials, write_ranking_page
 from intaglio.synthesis.ranks import Friedman, MultipleComparison, friedman, multiple_comparison, read_ranks
-from intaglio.synthesis.refinement import SIDES, refined
+from intaglio.synthesis.refinement import SIDES, optimize_texture
 from intaglio.synthesis.report import THESIS_LIGHTS, write_source, write_synthesis_report
-from intaglio.synthesis.result import Synthesis, copied_texture, places
-from intaglio.synthesis.sample import SampleMaps, checked_mask, checked_size
+from intaglio.synthesis.result import Synthesis, copy_texture, pixel_positions
+from intaglio.synthesis.sample import METRICS, Match, SampleMaps
 
 __all__ = [
     "CONTINUATIONS",
     "CUTS",
-    "METHODS",
     "METRICS",
     "SIDES",
     "THESIS_LIGHTS",
     "Friedman",
+    "GrowOptions",
+    "Match",
     "MultipleComparison",
     "NearestWindows",
+    "QuiltOptions",
     "SampleMaps",
     "Synthesis",
     "SynthesisReport",
     "assess_synthesis",
-    "checked_mask",
-    "checked_size",
-    "copied_texture",
+    "copy_texture",
     "friedman",
     "grow",
     "multiple_comparison",
-    "places",
+    "optimize_texture",
+    "pixel_positions",
     "quilt",
     "read_ranks",
     "read_trials",
-    "refined",
-    "smoothed",
+    "smooth_plane",
     "synthesize",
     "synthesize_each_light",
     "write_ranking_page",

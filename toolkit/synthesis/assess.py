@@ -13,9 +13,9 @@ from intaglio.errors import InputError
 from intaglio.photometric import Relightable
 from intaglio.randomness import Stream, uniform
 from intaglio.statistics import earth_movers_distance
-from intaglio.synthesis.nearest import NearestWindows, rms_apart
-from intaglio.synthesis.result import Synthesis, places
-from intaglio.synthesis.sample import prepare, window_starts
+from intaglio.synthesis.nearest import NearestWindows, rms_difference
+from intaglio.synthesis.result import Synthesis, pixel_positions
+from intaglio.synthesis.sample import prepare_sample, window_starts
 
 # Windows whose nearest are sought, and most values of those they are sought among.
 _QUERIES = 2000
@@ -135,7 +135,7 @@ def assess_synthesis(
     InputError
         If the result was not made of such a sample, or lights are given and it can't be relit.
     """
-    prepared = prepare(sample, mask=mask)
+    prepared = prepare_sample(sample, mask=mask)
     source = result.source
     if source.min() < 0 or (source.reshape(-1, 2).max(axis=0) >= prepared.usable.shape).any():
         raise InputError(f"the result copies pixels that a sample of {prepared.usable.shape} does not have")
@@ -143,8 +143,8 @@ def assess_synthesis(
         raise InputError("the result copies pixels that the mask leaves out; give the mask it was made with")
     features = np.moveaxis(prepared.features, 0, 2)
     laid = features[source[..., 0], source[..., 1]]
-    seam, wrap, share = _seams(laid, source, result.tileable)
-    label = _pieces(source)
+    seam, wrap, share = _measure_seams(laid, source, result.tileable)
+    label = _label_pieces(source)
     size = np.bincount(label.ravel())
     times = np.bincount(
         source[..., 0].ravel() * prepared.usable.shape[1] + source[..., 1].ravel(), minlength=prepared.usable.size
@@ -157,9 +157,9 @@ def assess_synthesis(
             raise InputError("lights: sample and result must be relightable textures")
         for name, light in lights.items():
             images = [t.relight(light) for t in (sample, result.texture)]
-            relit[f"under {name}"] = _likeness(images[0], prepared.usable, images[1], source)
+            relit[f"under {name}"] = _measure_likeness(images[0], prepared.usable, images[1], source)
     return SynthesisReport(
-        likeness=_likeness(features, prepared.usable, laid, source),
+        likeness=_measure_likeness(features, prepared.usable, laid, source),
         seam=seam,
         wrap=wrap,
         seam_share=share,
@@ -179,7 +179,7 @@ def _breaks(source: Array, axis: int) -> Array:
     return found
 
 
-def _seams(values: Array, source: Array, tileable: bool) -> tuple[float, float, float]:
+def _measure_seams(values: Array, source: Array, tileable: bool) -> tuple[float, float, float]:
     """Return jumps across seams over jumps inside, the same for the wrap, and the share of seams."""
     seam, inside, wrap = [], [], []
     for axis in (0, 1):
@@ -204,7 +204,7 @@ def _seams(values: Array, source: Array, tileable: bool) -> tuple[float, float, 
     return ratio(across, typical), ratio(over, everywhere) if tileable else float("nan"), share
 
 
-def _pieces(source: Array) -> Array:
+def _label_pieces(source: Array) -> Array:
     """Return (H, W) int: connected pieces of the result that are copied from one piece of the sample."""
     height, width = source.shape[:2]
     down, right = ~_breaks(source, 0)[:-1], ~_breaks(source, 1)[:, :-1]
@@ -218,10 +218,10 @@ def _pieces(source: Array) -> Array:
     return found
 
 
-def _likeness(sample: Array, usable: Array, result: Array, source: Array) -> Likeness:
+def _measure_likeness(sample: Array, usable: Array, result: Array, source: Array) -> Likeness:
     """Compare images (H, W, n)."""
-    given = _spread(sample[usable], _VALUES).astype(np.float64)
-    made = _spread(result.reshape(-1, result.shape[2]), _VALUES).astype(np.float64)
+    given = _take_evenly(sample[usable], _VALUES).astype(np.float64)
+    made = _take_evenly(result.reshape(-1, result.shape[2]), _VALUES).astype(np.float64)
     spread = given.std(axis=0)
     kept = spread > 0
     histogram = np.array([earth_movers_distance(made[:, c], given[:, c]) for c in range(given.shape[1])])
@@ -235,11 +235,11 @@ def _likeness(sample: Array, usable: Array, result: Array, source: Array) -> Lik
         if a.shape[1] > 1:
             varies = bool((b.std(axis=0) > 0).all())
             correlation = float(np.abs(np.corrcoef(a.T) - np.corrcoef(b.T)).max()) if varies else float("nan")
-    coherence, completeness = _windows_apart(sample, usable, result, source)
-    return Likeness(histogram, joint, correlation, _spectra_apart(sample, usable, result), coherence, completeness)
+    coherence, completeness = _measure_window_distances(sample, usable, result, source)
+    return Likeness(histogram, joint, correlation, _measure_spectrum_difference(sample, usable, result), coherence, completeness)
 
 
-def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -> tuple[float, float]:
+def _measure_window_distances(sample: Array, usable: Array, result: Array, source: Array) -> tuple[float, float]:
     """Return mean distances of the result's windows to the nearest of the sample's, and the other way round.
 
     Of many windows an evenly spread part is searched; the place that a window's first pixel was copied from, or to, is always
@@ -251,23 +251,23 @@ def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -
     if not own_starts.any():
         return float("nan"), float("nan")
     most = max(_QUERIES, _AMONG // (side * side * sample.shape[2]))
-    own = _windows(sample, _spread(np.argwhere(own_starts), most), side)
-    made = _windows(result, _spread(np.argwhere(made_starts), most), side)
+    own = _windows(sample, _take_evenly(np.argwhere(own_starts), most), side)
+    made = _windows(result, _take_evenly(np.argwhere(made_starts), most), side)
     half = len(own) // 2
     typical = float(np.sqrt(np.mean((own[:half] - own[half : 2 * half]) ** 2))) if half else 0.0
     if typical == 0:
         return 0.0, 0.0
     copied_to = np.full((*usable.shape, 2), -1)
-    copied_to[source[..., 0], source[..., 1]] = places(everywhere.shape)
+    copied_to[source[..., 0], source[..., 1]] = pixel_positions(everywhere.shape)
 
     def apart(image: Array, starts: Array, among: Array, other: Array, other_starts: Array, place: Array) -> float:
-        corner = _spread(np.argwhere(starts), _QUERIES)
+        corner = _take_evenly(np.argwhere(starts), _QUERIES)
         query = _windows(image, corner, side)
-        distance = rms_apart(among[NearestWindows(among).find(query)], query)
+        distance = rms_difference(among[NearestWindows(among).find(query)], query)
         there = place[corner[:, 0], corner[:, 1]]
         inside = ((there >= 0) & (there < other_starts.shape)).all(axis=1)
         inside[inside] = other_starts[tuple(there[inside].T)]
-        away = rms_apart(_windows(other, there[inside], side), query[inside])
+        away = rms_difference(_windows(other, there[inside], side), query[inside])
         distance[inside] = np.minimum(distance[inside], away)
         return float(distance.mean()) / typical
 
@@ -277,7 +277,7 @@ def _windows_apart(sample: Array, usable: Array, result: Array, source: Array) -
     )
 
 
-def _spread(rows: Array, most: int) -> Array:
+def _take_evenly(rows: Array, most: int) -> Array:
     """Return at most so many rows, evenly spread."""
     return rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]
 
@@ -289,7 +289,7 @@ def _windows(image: Array, corner: Array, side: int) -> Array:
     return np.ascontiguousarray(image[y, x].reshape(len(corner), side * side * image.shape[2]), np.float32)
 
 
-def _spectra_apart(sample: Array, usable: Array, result: Array) -> float:
+def _measure_spectrum_difference(sample: Array, usable: Array, result: Array) -> float:
     """Return the rms difference in decibels of power per octave, over all maps; only wavelengths that both can hold."""
     longest = min(*usable.shape, *result.shape[:2]) / 2
     bounds = 2.0 ** np.arange(1, 16)

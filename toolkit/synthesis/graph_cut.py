@@ -25,10 +25,10 @@ def graph_cut_seams(error: Array, overlap: Array) -> Array:
         How far what lies there reaches in from the left, top, right and bottom.
     """
     known = known_pixels(overlap, error.shape[1])
-    return np.stack([_kept(e, k, o) for e, k, o in zip(error, known, overlap, strict=True)])
+    return np.stack([_cut_overlap(e, k, o) for e, k, o in zip(error, known, overlap, strict=True)])
 
 
-def _kept(error: Array, known: Array, overlap: Array) -> Array:
+def _cut_overlap(error: Array, known: Array, overlap: Array) -> Array:
     """Cut one overlap: an edge between two pixels costs the sum of both errors."""
     if not known.any():
         return np.ones(known.shape, bool)

@@ -19,7 +19,7 @@ def _starts(length: int, block: int, overlap: int, wrap: bool) -> Array:
     return np.arange(count) * length // count
 
 
-def plan(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, continued: bool) -> Blocks:
+def plan_blocks(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, continued: bool) -> Blocks:
     """Return the blocks that cover ``shape``, in waves whose order is as good as raster order.
 
     A block comes in a later wave than all blocks before it, in raster order, that it touches: so every block meets exactly

@@ -63,7 +63,7 @@ class NearestWindows:
         return index
 
 
-def rms_apart(a: Array, b: Array) -> Array:
+def rms_difference(a: Array, b: Array) -> Array:
     """Return the root mean square difference of windows (M, D) that belong together: (M,)."""
     found: Array = np.sqrt(np.mean((a - b) ** 2, axis=1))
     return found

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_choice
+from intaglio.checks import checked_mask
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.photometric import (
@@ -23,135 +23,212 @@ from intaglio.photometric import (
     surface_maps,
 )
 from intaglio.synthesis.growing import grow
+from intaglio.synthesis.options import GrowOptions, QuiltOptions
 from intaglio.synthesis.quilting import quilt
 from intaglio.synthesis.result import Synthesis
-from intaglio.synthesis.sample import checked_mask
-
-METHODS: dict[str, Callable[..., Synthesis]] = {"quilt": quilt, "grow": grow}
 
 
 def synthesize(
     source: Any,
     size: int | tuple[int, int],
+    options: QuiltOptions | GrowOptions | None = None,
     *,
-    method: str = "quilt",
     kind: str = "gradient",
     color: str = "channels",
     robust: bool = False,
+    tileable: bool = False,
+    mask: Array | None = None,
+    match: Any = None,
     seed: int = 0,
     device: str | None = None,
     progress: Progress | None = None,
-    **settings: Any,
 ) -> Synthesis:
     """Make a larger texture of a sample: an image, any maps, a relightable texture, or photographs under known lights.
 
-    Photographs are first represented, all maps of the representation synthesised together, and the result can be relit: with
-    ``kind`` ``"3i"``, ``"gradient"``, ``"ptm"``, ``"eigen3"`` and ``"eigen6"`` the five approaches of Dong, section 6.2.
+    Photographs are first represented; then all maps of the representation are synthesised together, so that the result can
+    be relit. The kinds ``"3i"``, ``"gradient"``, ``"ptm"``, ``"eigen3"`` and ``"eigen6"`` give the five approaches of the
+    thesis, section 6.2.
 
     Parameters
     ----------
-    source : PhotometricStack, Relightable, (H, W) or (H, W, n) array, or sequence of arrays
+    source : PhotometricStack, Relightable, (H, W) or (H, W, n) array, or sequence of arrays of one size
         The sample.
     size : int or (int, int)
-        Rows and columns of the result.
-    method : {"quilt", "grow"}
-        By blocks, refined (``refine=2``), or by pixels.
-    kind : str
-        Of a stack: how to represent it, see `represent`. With ``"height"``, and with relightable textures of that kind, height
-        and albedo are synthesised, and normals are those of the synthesised heights (section 7.3.2, figure 7.3.3).
-    color : {"channels", "luminance"}
-        Of a stack, as for `represent`.
-    robust : bool
-        Of a stack, as for `represent`.
-    seed : int
+        Rows and columns of the result in pixels, 1 to 65536; one number makes a square.
+    options : QuiltOptions or GrowOptions, optional
+        The method, by blocks or pixel by pixel, and its options. Default None: ``QuiltOptions()``, blocks with two passes of
+        refinement, which suits most textures.
+    kind : str, optional
+        How photographs are represented; see `represent`. With ``"height"``, and with relightable textures of that kind,
+        height and albedo are synthesised, and the normals are those of the synthesised heights (section 7.3.2, figure
+        7.3.3).
+    color : {"channels", "luminance"}, optional
+        Of photographs: represent every channel, or the luminance with one chromaticity for each pixel.
+    robust : bool, optional
+        Of photographs: leave shadows and highlights out of the fit of normals.
+    tileable : bool, optional
+        Make a result that wraps around without a seam. Default False, since most results are not repeated.
+    mask : (H, W) bool array, optional
+        Pixels of the sample that may be used. Default None: all.
+    match : array like the maps, or Match, optional
+        What is compared in place of the maps themselves, or how; see `Match`.
+    seed : int, optional
         The same seed gives the same bits.
     device : str, optional
-        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+        ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with what is done and what there is to do, of the synthesis.
-    **settings
-        Further options of `quilt` or `grow`.
+        Called with the amount done and the total, of the synthesis.
 
     Returns
     -------
     Synthesis
-        With ``.texture`` where the sample is relightable.
+        With ``.texture`` if the sample is relightable.
 
     Raises
     ------
     InputError
-        As `represent`, `quilt` and `grow`.
+        If ``options`` is of another class, and as `represent`, `quilt` and `grow`.
+
+    See Also
+    --------
+    intaglio.quilt, intaglio.grow : The methods, for maps alone.
+    intaglio.assess_synthesis : How similar a result is to its sample.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, sections 6.2 and 7.3.2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> images = np.random.default_rng(0).random((4, 24, 24, 1))
+    >>> stack = intaglio.PhotometricStack(images, lights)
+    >>> made = intaglio.synthesize(stack, (32, 40), intaglio.QuiltOptions(block=8), device="cpu")
+    >>> made.texture.kind, made.texture.relight(lights[0]).shape
+    ('gradient', (32, 40, 1))
     """
-    checked_choice("method", method, tuple(METHODS))
-    settings |= {"seed": seed, "device": device, "progress": progress}
-    if method == "quilt":
-        settings.setdefault("refine", 2)
-    make = METHODS[method]
-    known = inspect.signature(make).parameters
-    for name in settings:
-        if name not in known or name == "missing":
-            raise InputError(f"{method} has no option {name!r}; it has {', '.join(n for n in list(known)[2:] if n != 'missing')}")
+    common = {"tileable": tileable, "match": match, "seed": seed, "device": device, "progress": progress}
+    make = _choose_method(options, size, common)
     if isinstance(source, PhotometricStack):
         source = represent(source, kind, color=color, robust=robust, device=device)
     if isinstance(source, Relightable) and source.kind == "height":
-        return _by_height(source, size, make, settings)
-    return make(source, size, **settings)
+        return _synthesize_height(source, make, mask)
+    return make(source, mask=mask)
 
 
 def synthesize_each_light(
     source: PhotometricStack | Relightable,
     size: int | tuple[int, int],
     lights: Array,
+    options: QuiltOptions | GrowOptions | None = None,
     *,
     kind: str = "gradient",
     color: str = "channels",
     robust: bool = False,
-    **settings: Any,
+    tileable: bool = False,
+    mask: Array | None = None,
+    match: Any = None,
+    seed: int = 0,
+    device: str | None = None,
+    progress: Progress | None = None,
 ) -> list[Synthesis]:
     """Relight first, then synthesise the image under each light on its own: the other order, for comparison.
 
-    Images of different lights show different arrangements of the texture: no light can change over the result.
+    The images of different lights show different arrangements of the texture, so the light can't be changed over the result.
 
     Parameters
     ----------
     source : PhotometricStack or Relightable
         The sample.
     size : int or (int, int)
-        Rows and columns of the results.
+        Rows and columns of the results in pixels, 1 to 65536; one number makes a square.
     lights : (L, 3) array
-        Vectors towards the lights.
-    kind, color, robust
-        Of a stack: how to represent it, see `represent`.
-    **settings
-        Further options of `synthesize`.
+        Vectors towards the lights, of any length above 0; x right, y up, z to the camera.
+    options : QuiltOptions or GrowOptions, optional
+        The method and its options, as for `synthesize`.
+    kind : str, optional
+        How photographs are represented; see `represent`.
+    color : {"channels", "luminance"}, optional
+        Of photographs, as for `synthesize`.
+    robust : bool, optional
+        Of photographs, as for `synthesize`.
+    tileable : bool, optional
+        Make results that wrap around without a seam.
+    mask : (H, W) bool array, optional
+        Pixels of the sample that may be used. Default None: all.
+    match : array like the images, or Match, optional
+        What is compared in place of the relit images, or how; see `Match`.
+    seed : int, optional
+        The same seed gives the same bits; all lights share it.
+    device : str, optional
+        ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
+    progress : callable, optional
+        Called with the amount done and the total, of each synthesis.
 
     Returns
     -------
     list of Synthesis
         One for each light; ``.maps`` (H, W, C) is its image.
+
+    Raises
+    ------
+    InputError
+        If ``source`` can't be relit, a light is from below, and as `synthesize`.
+
+    See Also
+    --------
+    intaglio.synthesize : Synthesis first, relighting afterwards.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 6.2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> lights = np.array([intaglio.light_direction(tilt, 45) for tilt in (0, 90, 180, 270)])
+    >>> stack = intaglio.PhotometricStack(np.random.default_rng(0).random((4, 24, 24, 1)), lights)
+    >>> made = intaglio.synthesize_each_light(stack, 32, lights[:2], intaglio.QuiltOptions(block=8), device="cpu")
+    >>> [each.maps.shape for each in made]
+    [(32, 32, 1), (32, 32, 1)]
     """
+    common = {"tileable": tileable, "match": match, "seed": seed, "device": device, "progress": progress}
+    make = _choose_method(options, size, common)
     towards = np.atleast_2d(checked_lights(lights))
     texture = source
     if isinstance(source, PhotometricStack):
-        texture = represent(source, kind, color=color, robust=robust, device=settings.get("device"))
+        texture = represent(source, kind, color=color, robust=robust, device=device)
     if not isinstance(texture, Relightable):
         raise InputError(f"source must be a PhotometricStack or a Relightable, not {type(source).__name__}")
     if texture.mask is not None:
-        given = settings.get("mask")
-        settings["mask"] = texture.mask if given is None else checked_mask("mask", given, texture.mask.shape) & texture.mask
-    return [synthesize(image, size, **settings) for image in texture.relight(towards)]
+        mask = texture.mask if mask is None else checked_mask("mask", mask, texture.mask.shape) & texture.mask
+    return [make(image, mask=mask) for image in texture.relight(towards)]
 
 
-def _by_height(texture: Relightable, size: Any, make: Callable[..., Synthesis], settings: dict[str, Any]) -> Synthesis:
-    """Synthesise height and albedo; the result's normals are those of its heights."""
+def _choose_method(
+    options: QuiltOptions | GrowOptions | None, size: int | tuple[int, int], common: dict[str, Any]
+) -> Callable[..., Synthesis]:
+    """Return `quilt` or `grow` with all arguments but the sample and its mask."""
+    chosen = QuiltOptions() if options is None else options
+    if isinstance(chosen, QuiltOptions):
+        return partial(quilt, size=size, **vars(chosen), **common)
+    if isinstance(chosen, GrowOptions):
+        return partial(grow, size=size, **vars(chosen), **common)
+    raise InputError(f"options must be QuiltOptions or GrowOptions, not {options!r}")
+
+
+def _synthesize_height(texture: Relightable, make: Callable[..., Synthesis], mask: Array | None) -> Synthesis:
+    """Synthesise height and albedo; the normals of the result are those of its heights."""
     maps = surface_maps(texture)
     height = texture.height if texture.height is not None else integrable(texture).height
     assert height is not None
-    # Pieces of a slope would not fit; the sample's mean slope is given back to the result's normals.
-    slope, level = _plane(height.astype(np.float64), maps.valid)
-    given = settings.get("mask")
-    mask = maps.valid if given is None else maps.valid & checked_mask("mask", given, maps.valid.shape)
-    found = make([(height - level).astype(np.float32), maps.albedo], size, **{**settings, "mask": mask})
+    # Pieces of a slope would not fit together; the sample's mean slope is added to the normals of the result instead.
+    slope, level = _fit_plane(height.astype(np.float64), maps.valid)
+    usable = maps.valid if mask is None else maps.valid & checked_mask("mask", mask, maps.valid.shape)
+    found = make([(height - level).astype(np.float32), maps.albedo], mask=usable)
     heights = found.maps[..., 0]
     p, q = gradients_from_height(heights, method="forward")
     if found.tileable:
@@ -165,7 +242,7 @@ def _by_height(texture: Relightable, size: Any, make: Callable[..., Synthesis], 
     return replace(found, texture=made)
 
 
-def _plane(height: Array, valid: Array) -> tuple[tuple[float, float], Array]:
+def _fit_plane(height: Array, valid: Array) -> tuple[tuple[float, float], Array]:
     """Return slopes (x right, y up) and values of the plane of best fit."""
     y, x = np.mgrid[: height.shape[0], : height.shape[1]]
     columns = np.stack([x.ravel(), -y.ravel(), np.ones(x.size)], axis=1)

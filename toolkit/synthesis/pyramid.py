@@ -14,19 +14,19 @@ _KERNEL = np.array([0.05, 0.25, 0.4, 0.25, 0.05])
 _SHARE = 0.5
 
 
-def halved(planes: Array, known: Array) -> tuple[Array, Array]:
+def halve_planes(planes: Array, known: Array) -> tuple[Array, Array]:
     """Return the next coarser level: planes (n, ceil(H/2), ceil(W/2)) float32, and which of its pixels are known.
 
     Pixels that are not known have no weight in their neighbours' means.
     """
-    weight = smoothed(known.astype(np.float64))
-    smooth = np.stack([smoothed(np.where(known, p, 0).astype(np.float64)) for p in planes])
+    weight = smooth_plane(known.astype(np.float64))
+    smooth = np.stack([smooth_plane(np.where(known, p, 0).astype(np.float64)) for p in planes])
     mean = np.divide(smooth, weight, out=np.zeros_like(smooth), where=weight > 0)
     return mean[:, ::2, ::2].astype(np.float32), weight[::2, ::2] >= _SHARE
 
 
-def smoothed(plane: Array) -> Array:
-    """Return a plane under the generating kernel; its border's values go on beyond it."""
+def smooth_plane(plane: Array) -> Array:
+    """Return a plane convolved with the generating kernel; its border values continue beyond it."""
     rows = ndimage.correlate1d(plane, _KERNEL, axis=0, mode="nearest")
     smooth: Array = ndimage.correlate1d(rows, _KERNEL, axis=1, mode="nearest")
     return smooth

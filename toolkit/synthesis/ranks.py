@@ -1,4 +1,4 @@
-"""Ranks that observers gave: is any method better than another, and which (Dong, sections 6.3.2 and 6.3.3)."""
+"""Tests on ranks that observers gave: whether methods differ, and which of them (Dong, sections 6.3.2 and 6.3.3)."""
 
 from __future__ import annotations
 
@@ -16,22 +16,33 @@ from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
 
-# Columns of a table of ranks that name its rows or remark on them.
+# Columns of a table of ranks that hold names of rows or comments rather than ranks.
 LABELS = ("texture", "observer", "misprint", "comment")
 
 
 @dataclass(frozen=True)
 class Friedman:
-    """Friedman's two-way analysis of variance by ranks.
+    """Result of Friedman's two-way analysis of variance by ranks.
 
     Attributes
     ----------
     statistic : float
-        χ² with k − 1 degrees of freedom.
+        Friedman's χ², with k − 1 degrees of freedom.
     pvalue : float
-        How likely a statistic this large is if all k methods are alike.
-    mean_ranks : (k,) array
-        Of each method, as given; 1 is best.
+        The probability of a statistic this large if all k methods are alike.
+    mean_ranks : (k,) float64 array
+        Mean of the ranks that each method was given; 1 is best.
+
+    See Also
+    --------
+    intaglio.friedman : Computes it.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> result = intaglio.friedman([[1, 2, 3], [1, 2, 3], [1, 3, 2], [1, 2, 3]])
+    >>> result.mean_ranks
+    array([1.  , 2.25, 2.75])
     """
 
     statistic: float
@@ -41,17 +52,34 @@ class Friedman:
 
 @dataclass(frozen=True)
 class MultipleComparison:
-    """Every pair of methods compared.
+    """Result of a comparison of every pair of ranked methods.
 
     Attributes
     ----------
     critical_difference : float
         Mean ranks further apart than this differ significantly.
     groups : tuple of tuple of int
-        The largest sets of methods that do not differ among themselves, best first; methods by their number, best first.
+        The largest sets of methods among which none differs from another, best first; methods by their number from 0, best
+        first.
     different : (k, k) bool array
         Which pairs differ.
-    mean_ranks : (k,) array
+    mean_ranks : (k,) float64 array
+        Mean of the ranks that each method was given; 1 is best.
+
+    See Also
+    --------
+    intaglio.multiple_comparison : Computes it.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> result = intaglio.multiple_comparison([[1, 2, 3]] * 6, alpha=0.05)
+    >>> result.groups
+    ((0, 1), (1, 2))
+    >>> result.different
+    array([[False, False,  True],
+           [False, False, False],
+           [ True, False, False]])
     """
 
     critical_difference: float
@@ -61,30 +89,46 @@ class MultipleComparison:
 
 
 def friedman(ranks: Any) -> Friedman:
-    """Test whether methods that were ranked differ at all.
+    """Test whether methods that were ranked differ at all, by Friedman's analysis of variance.
 
     Parameters
     ----------
     ranks : (b, k) array
-        A row for each observer and texture: the ranks 1 (best) to k it gave to k methods, at least 3; equal ranks as the mean of
-        their places, such as 1.5, 1.5, 3. Rows that are no such ranks (misprints) are ranked anew for the statistic.
+        A row for each of at least 2 observers and textures: the ranks from 1 (best) to k that it gave to k methods, at least
+        3. Methods of equal rank have the mean of their places, such as 1.5, 1.5, 3. Rows that are not such ranks, as by
+        misprints, are ranked again for the statistic.
 
     Returns
     -------
     Friedman
-        The statistic is corrected for ties.
+        The statistic, corrected for equal ranks, its probability, and the mean ranks.
 
     Raises
     ------
     InputError
-        If there are fewer than 2 rows or 3 methods, or a rank is not from 1 to k.
+        If there are fewer than 2 rows or 3 methods, or a rank is not a number from 1 to k.
+
+    See Also
+    --------
+    intaglio.multiple_comparison : Which methods differ.
 
     References
     ----------
-    Dong, Three-dimensional Surface Texture Synthesis (2003), equation 6.3.1, which leaves ties out of account; the correction
-    is that of Conover, Practical nonparametric statistics.
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 6.3.2, eq. 6.3.1,
+    which does not take equal ranks into account.
+
+    Conover, "Practical Nonparametric Statistics", Wiley 1971: the correction for equal ranks.
+
+    Examples
+    --------
+    Six observers agree on three methods:
+
+    >>> import intaglio
+    >>> result = intaglio.friedman([[1, 2, 3]] * 6)
+    >>> result.statistic, round(result.pvalue, 4)
+    (12.0, 0.0025)
     """
-    table = _checked(ranks)
+    table = _checked_ranks(ranks)
     if (table == table[:, :1]).all():
         return Friedman(0.0, 1.0, table.mean(axis=0))
     found = stats.friedmanchisquare(*table.T)
@@ -92,24 +136,51 @@ def friedman(ranks: Any) -> Friedman:
 
 
 def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
-    """Compare every pair of ranked methods, so that at most a share ``alpha`` of such tables shows any false difference.
+    """Find which of several ranked methods differ, with a bound on the probability of any false difference.
 
     Two methods differ if their mean ranks are further apart than q / √2 · √(k (k + 1) / (6 b)), where q is the upper ``alpha``
-    point of the studentised range of k values (Nemenyi 1963; the thesis' section 6.3.3 by Hochberg and Tamhane 1987).
+    point of the studentised range of k values.
 
     Parameters
     ----------
     ranks : (b, k) array
-        As for `friedman`.
-    alpha : float
-        Between 0 and 1.
+        Ranks from 1 (best) to k that b observers and textures gave to k methods; see `friedman`.
+    alpha : float, optional
+        The probability that some of the methods are found to differ although all are alike, between 0 and 1. Default 0.01, as
+        in the thesis.
+
+    Returns
+    -------
+    MultipleComparison
+        The critical difference, the groups of methods that do not differ, the pairs that do, and the mean ranks.
 
     Raises
     ------
     InputError
-        As `friedman`, or for an ``alpha`` out of range.
+        If there are fewer than 2 rows or 3 methods, a rank is not a number from 1 to k, or ``alpha`` is out of range.
+
+    See Also
+    --------
+    intaglio.friedman : Whether methods differ at all.
+
+    References
+    ----------
+    Nemenyi, "Distribution-free Multiple Comparisons", PhD thesis, Princeton University 1963.
+
+    Hochberg & Tamhane, "Multiple Comparison Procedures", Wiley 1987.
+
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, section 6.3.3.
+
+    Examples
+    --------
+    >>> import intaglio
+    >>> result = intaglio.multiple_comparison([[1, 2, 3]] * 6, alpha=0.05)
+    >>> round(result.critical_difference, 3)
+    1.353
+    >>> bool(result.different[0, 2]), bool(result.different[0, 1])
+    (True, False)
     """
-    table = _checked(ranks)
+    table = _checked_ranks(ranks)
     try:
         level = float(alpha)
     except (TypeError, ValueError) as error:
@@ -131,24 +202,44 @@ def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
 
 
 def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | None = None) -> tuple[list[str], Array]:
-    """Read tables of ranks (CSV with a header), one below the other.
+    """Read ranks from one or more tables.
 
     Parameters
     ----------
-    paths : path, or sequence of paths
-        Each with a column per method; columns texture, observer, misprint and comment are passed over.
+    paths : path or sequence of path
+        CSV files with a header, a column per method and a row per observer and texture; their rows are joined. Columns
+        texture, observer, misprint and comment are skipped.
     methods : sequence of str, optional
-        Columns to take, ranked among themselves; default all others.
+        The columns to take, which are then ranked among themselves. Default None: all columns that are not skipped.
 
     Returns
     -------
     names : list of str
-    ranks : (b, k) array
+        The methods.
+    ranks : (b, k) float64 array
+        A row per observer and texture, a column per method; as `friedman` takes them.
 
     Raises
     ------
-    FileError, InputError
-        If a file can't be read, has other columns than the first, or holds something that is no number.
+    FileError
+        If a file can't be read, lacks a method or has other columns than the first, or a cell is not a rank.
+    InputError
+        If no file is given, or a method is named twice.
+
+    Examples
+    --------
+    >>> import pathlib
+    >>> import tempfile
+    >>> import intaglio
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "ranks.csv")
+    ...     _ = path.write_text("observer,quilt,grow,tile\\nAnna,1,2,3\\nBen,2,1,3\\n")
+    ...     names, ranks = intaglio.read_ranks(path)
+    >>> names
+    ['quilt', 'grow', 'tile']
+    >>> ranks
+    array([[1., 2., 3.],
+           [2., 1., 3.]])
     """
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not given:
@@ -166,7 +257,7 @@ def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | No
         if len(set(names)) < len(names):
             raise InputError(f"a method is named twice: {', '.join(names)}")
         chosen = ranks[:, [columns.index(name) for name in names]]
-        # Of some methods only: their ranks among themselves.
+        # Some of the methods are ranked among themselves.
         rows += (chosen if len(names) == len(columns) else stats.rankdata(chosen, axis=1)).tolist()
     assert names is not None
     return names, np.array(rows)
@@ -179,7 +270,7 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
             reader = csv.reader(file)
             lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise FileError(f"{path}: is no table of ranks, text with commas ({error})") from error
+        raise FileError(f"{path}: is not a table of ranks, text with commas ({error})") from error
     header = [name.strip() for name in lines[0][1]] if lines else []
     taken = [i for i, name in enumerate(header) if name.lower() not in LABELS]
     columns = [header[i] for i in taken]
@@ -196,7 +287,7 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
         try:
             row = [float(cells[i]) for i in taken]
         except ValueError as error:
-            raise FileError(f"{path}, line {number}: a rank is no number ({error})") from error
+            raise FileError(f"{path}, line {number}: a rank is not a number ({error})") from error
         if not all(1 <= value <= len(columns) for value in row):
             raise FileError(
                 f"{path}, line {number}: ranks of {len(columns)} methods are from 1 (best) to {len(columns)}, not {row}"
@@ -205,7 +296,7 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
     return columns, np.array(rows)
 
 
-def _checked(ranks: Any) -> Array:
+def _checked_ranks(ranks: Any) -> Array:
     """Return ranks as a table, or raise `InputError`."""
     try:
         table = np.asarray(ranks, np.float64)
@@ -214,5 +305,5 @@ def _checked(ranks: Any) -> Array:
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] < 3:
         raise InputError(f"ranks must be (b, k): at least 2 rows of ranks of at least 3 methods, not {table.shape}")
     if not ((table >= 1) & (table <= table.shape[1])).all():
-        raise InputError(f"ranks of {table.shape[1]} methods are numbers from 1 (best) to {table.shape[1]}, each row its own")
+        raise InputError(f"ranks of {table.shape[1]} methods must be numbers from 1 (best) to {table.shape[1]}")
     return table

@@ -13,8 +13,8 @@ from scipy import ndimage
 
 from intaglio.arrays import Array, Progress
 from intaglio.kernels.blocks import box_sums
-from intaglio.synthesis.nearest import NearestWindows, rms_apart
-from intaglio.synthesis.result import places
+from intaglio.synthesis.nearest import NearestWindows, rms_difference
+from intaglio.synthesis.result import pixel_positions
 from intaglio.synthesis.sample import SampleMaps, window_starts
 
 # Sides of windows in pixels.
@@ -60,7 +60,7 @@ class _Windows:
     nearest: NearestWindows
 
 
-def refined(
+def optimize_texture(
     sample: SampleMaps,
     source: Array,
     *,
@@ -153,11 +153,11 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     """Match and vote once; return provenance, and the values (n, H, W) that the next pass matches."""
     side, step = windows.side, windows.side // _PER_SIDE
     height, width = source.shape[:2]
-    corner = _broken_windows(source, side, step, tileable)
+    corner = _find_broken_windows(source, side, step, tileable)
     if len(corner) == 0:
         return source, values
     around = np.pad(values, ((0, 0), (0, side), (0, side)), mode="wrap") if tileable else values
-    match, distance = _matches(windows, source, corner, _box_means(around, side))
+    match, distance = _match_windows(windows, source, corner, _box_means(around, side))
     weight = (distance + _LEAST) ** -1.2
 
     # Windows whose corners fall on one of 16 cells of the grid don't overlap (but for a few where a torus closes, where the
@@ -169,7 +169,7 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     total = values * 0
     weights = np.zeros((height, width), np.float32)
     for number in range(_PER_SIDE**2):
-        proposal, strength = _proposals(
+        proposal, strength = _propose_copies(
             corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest
         )
         total += strength * _read(features, proposal)
@@ -180,7 +180,7 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     best = np.full((height, width), np.inf, np.float32)
     chosen = source.copy()
     for number in range(_PER_SIDE**2):
-        proposal, _ = _proposals(
+        proposal, _ = _propose_copies(
             corner[layer == number], match[layer == number], weight[layer == number], source, side, falloff, strongest
         )
         away = ((_read(features, proposal) - voted) ** 2).sum(axis=0)
@@ -192,7 +192,7 @@ def _pass(features: Array, windows: _Windows, source: Array, values: Array, tile
     return chosen, _read(features, chosen)
 
 
-def _matches(windows: _Windows, source: Array, corner: Array, means: Array) -> tuple[Array, Array]:
+def _match_windows(windows: _Windows, source: Array, corner: Array, means: Array) -> tuple[Array, Array]:
     """Return the sample's window nearest to each of the canvas' windows at ``corner`` (M, 2), and its distance (M,).
 
     Besides the nearest of those that are searched, the windows that continue what was copied to the middle of a window or to
@@ -206,7 +206,7 @@ def _matches(windows: _Windows, source: Array, corner: Array, means: Array) -> t
         part = slice(first, first + _AT_ONCE)
         query = _descriptors(means, corner[part], side)
         best = windows.corner[windows.nearest.find(query)]
-        least = rms_apart(_descriptors(windows.means, best, side), query)
+        least = rms_difference(_descriptors(windows.means, best, side), query)
         for down, right in ((2, 2), (1, 1), (1, 3), (3, 1), (3, 3)):
             step = np.array([down * side // 4, right * side // 4])
             at = (corner[part] + step) % (rows, columns)
@@ -214,7 +214,7 @@ def _matches(windows: _Windows, source: Array, corner: Array, means: Array) -> t
             inside = ((continued >= 0) & (continued < windows.whole.shape)).all(axis=1)
             inside[inside] = windows.whole[tuple(continued[inside].T)]
             there = np.flatnonzero(inside)
-            away = rms_apart(_descriptors(windows.means, continued[there], side), query[there])
+            away = rms_difference(_descriptors(windows.means, continued[there], side), query[there])
             nearer = there[away < least[there]]
             least[nearer] = away[away < least[there]]
             best[nearer] = continued[nearer]
@@ -222,14 +222,14 @@ def _matches(windows: _Windows, source: Array, corner: Array, means: Array) -> t
     return match, distance
 
 
-def _broken_windows(source: Array, side: int, step: int, tileable: bool) -> Array:
+def _find_broken_windows(source: Array, side: int, step: int, tileable: bool) -> Array:
     """Return first pixels (M, 2) of the grid's windows that are no copy of one piece of the sample.
 
     All others match themselves.
     """
     height, width = source.shape[:2]
     wide = np.pad(source, ((0, side), (0, side), (0, 0)), mode="wrap") if tileable else source
-    offset = wide - places(wide.shape)
+    offset = wide - pixel_positions(wide.shape)
     breaks = np.zeros(wide.shape[:2], np.int64)
     breaks[:, 1:] |= (np.diff(offset, axis=1) != 0).any(axis=2)
     below = np.zeros(wide.shape[:2], np.int64)
@@ -246,7 +246,7 @@ def _broken_windows(source: Array, side: int, step: int, tileable: bool) -> Arra
     return np.stack([ys[np.nonzero(broken)[0]], xs[np.nonzero(broken)[1]]], axis=1)
 
 
-def _proposals(
+def _propose_copies(
     corner: Array, match: Array, weight: Array, source: Array, side: int, falloff: Array, strongest: float
 ) -> tuple[Array, Array]:
     """Return one layer: where each pixel would be copied from, (H, W, 2), and the weight of that, (H, W).

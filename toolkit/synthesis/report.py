@@ -14,8 +14,8 @@ from intaglio.files import listing, picture_row, write_exr, write_page
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.photometric import Relightable, light_direction
 from intaglio.synthesis.assess import SynthesisReport
-from intaglio.synthesis.result import Synthesis, places
-from intaglio.synthesis.sample import stacked
+from intaglio.synthesis.result import Synthesis, pixel_positions
+from intaglio.synthesis.sample import stack_maps
 
 # The lights under which the thesis compares synthesised textures: tilt 60 and 120 degrees, slant 60.
 THESIS_LIGHTS: dict[str, Array] = {
@@ -30,12 +30,14 @@ def source_picture(source: Array, shape: tuple[int, int]) -> Array:
     return decode_srgb(np.stack([place[..., 0], place[..., 1], np.full(source.shape[:2], 0.4)], axis=2))
 
 
-def shown(maps: Array) -> Array:
+def first_channels(maps: Array) -> Array:
     """Return maps (H, W, n) as pictures (H, W, 1 or 3): the first one, or three, of them."""
     return maps[..., :3] if maps.shape[2] >= 3 else maps[..., :1]
 
 
-def pictures_of(sample: Any, result: Synthesis, lights: Mapping[str, Array] = THESIS_LIGHTS) -> dict[str, dict[str, Array]]:
+def synthesis_pictures(
+    sample: Any, result: Synthesis, lights: Mapping[str, Array] = THESIS_LIGHTS
+) -> dict[str, dict[str, Array]]:
     """Return rows of pictures of sample and result: as they are, or under each light where they can be relit."""
     if isinstance(sample, Relightable) and result.texture is not None:
         rows = {}
@@ -44,11 +46,11 @@ def pictures_of(sample: Any, result: Synthesis, lights: Mapping[str, Array] = TH
             top = float(np.quantile(pair["sample"], 0.995)) or 1.0
             rows[name] = {key: image / top for key, image in pair.items()}
         return rows
-    values = stacked(sample).astype(np.float32)
-    low, high = float(np.nanmin(shown(values))), float(np.nanmax(shown(values)))
+    values = stack_maps(sample).astype(np.float32)
+    low, high = float(np.nanmin(first_channels(values))), float(np.nanmax(first_channels(values)))
     # Photographs as they are, other maps by their range.
     low, high = (0.0, 1.0) if low >= 0 and high <= 1 else (low, max(high, low + 1e-30))
-    pair = {"sample": shown(values), "result": shown(result.maps)}
+    pair = {"sample": first_channels(values), "result": first_channels(result.maps)}
     return {"Sample and result": {key: (image - low) / (high - low) for key, image in pair.items()}}
 
 
@@ -74,20 +76,23 @@ def write_synthesis_report(
         From `assess_synthesis`.
     title : str
     pictures : dict of rows, optional
-        Shown in place of `pictures_of` them.
+        Shown in place of `synthesis_pictures` them.
     extra : sequence of str
         Further lines.
     """
-    rows = pictures if pictures is not None else pictures_of(sample, result)
+    rows = pictures if pictures is not None else synthesis_pictures(sample, result)
     body = [_sized_row(heading, row) for heading, row in rows.items()]
     if result.tileable:
         last = list(next(iter(rows.values())).values())[-1]
         body.append(picture_row("Tiled two by two", {"no line should be seen": np.tile(last, (2, 2, 1))}))
-    shape = stacked(sample).shape[:2]
+    shape = stack_maps(sample).shape[:2]
     body.append(
         _sized_row(
             "Where each pixel was copied from",
-            {"places of the sample": source_picture(places(shape), shape), "result": source_picture(result.source, shape)},
+            {
+                "places of the sample": source_picture(pixel_positions(shape), shape),
+                "result": source_picture(result.source, shape),
+            },
         )
     )
     body.append(listing("Figures", report.lines()))

@@ -18,16 +18,28 @@ class Synthesis:
     Attributes
     ----------
     maps : (H, W, n) array
-        Copies of the sample's values: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly. (Heights of a
-        `Relightable` of kind ``"height"`` are copied less the sample's plane of best fit.)
+        Copies of the sample's values, of its type: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly.
+        (From the heights of a `Relightable` of kind ``"height"`` the sample's plane of best fit is subtracted.)
     source : (H, W, 2) int32 array
         Row and column in the sample of each pixel.
     texture : Relightable, optional
-        The same as a relightable texture, where the sample was one.
+        The result as a relightable texture, if the sample was one.
     tileable : bool
-        Whether the result was made to wrap.
+        Whether the result wraps around.
     notes : tuple of str
-        What was chosen.
+        What was chosen, in words.
+
+    See Also
+    --------
+    intaglio.quilt, intaglio.grow, intaglio.synthesize : Make one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> made = intaglio.quilt(np.tile(np.eye(8), (4, 4)), (40, 60), block=12, device="cpu")
+    >>> made.maps.shape, made.source.shape, made.texture is None
+    ((40, 60, 1), (40, 60, 2), True)
     """
 
     maps: Array
@@ -37,39 +49,59 @@ class Synthesis:
     notes: tuple[str, ...] = ()
 
     def copy_of(self, sample: Array) -> Array:
-        """Return any other map of the sample, (H, W) or (H, W, n), laid as this result was laid."""
+        """Return any other map of the sample, arranged as this result is.
+
+        Parameters
+        ----------
+        sample : (H, W) or (H, W, n) array
+            A map of the sample's size.
+
+        Returns
+        -------
+        array
+            Of the result's rows and columns.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> sample = np.tile(np.eye(8), (4, 4))
+        >>> made = intaglio.quilt(sample, (40, 60), block=12, device="cpu")
+        >>> bool((made.copy_of(1 - sample) == 1 - made.maps[:, :, 0]).all())
+        True
+        """
         return sample[self.source[..., 0], self.source[..., 1]]
 
 
-def places(shape: tuple[int, ...]) -> Array:
-    """Return (H, W, 2) int32: each pixel's own row and column."""
+def pixel_positions(shape: tuple[int, ...]) -> Array:
+    """Return the row and column of every pixel, (H, W, 2) int32."""
     return np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=2).astype(np.int32)
 
 
-def copied(
+def copy_sample(
     maps: Any, values: Array, source: Array, *, tileable: bool, notes: tuple[str, ...], mask: Array | None = None
 ) -> Synthesis:
-    """Return the result whose pixels are copied from ``values`` (H, W, n), the planes of ``maps``.
+    """Return the result whose pixels are copied from ``values`` (H, W, n), the planes of ``maps``, at ``source`` (H, W, 2).
 
-    ``mask``: pixels of the result, as a texture, that can be used; default all.
+    ``mask`` (H, W) marks the usable pixels of the result, if it is a texture; None: all are.
     """
-    texture = copied_texture(maps, source, mask) if isinstance(maps, Relightable) else None
+    texture = copy_texture(maps, source, mask) if isinstance(maps, Relightable) else None
     return Synthesis(np.ascontiguousarray(values[source[..., 0], source[..., 1]]), source, texture, tileable, notes)
 
 
-def copied_texture(texture: Relightable, source: Array, mask: Array | None) -> Relightable:
+def copy_texture(texture: Relightable, source: Array, mask: Array | None) -> Relightable:
     """Return a texture whose pixels are those of ``texture`` at ``source``."""
     at = (source[..., 0], source[..., 1])
 
-    def moved(plane: Array | None) -> Array | None:
+    def copy_plane(plane: Array | None) -> Array | None:
         return None if plane is None else plane[at]
 
     return replace(
         texture,
         maps=texture.maps[:, at[0], at[1]],
-        chroma=moved(texture.chroma),
-        height=moved(texture.height),
-        confidence=moved(texture.confidence),
+        chroma=copy_plane(texture.chroma),
+        height=copy_plane(texture.height),
+        confidence=copy_plane(texture.confidence),
         mask=mask,
         notes=(*texture.notes, "synthesised from a sample"),
     )

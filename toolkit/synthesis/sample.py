@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import checked_choice, checked_mask
 from intaglio.errors import InputError
 from intaglio.photometric import Relightable
 
@@ -16,8 +17,61 @@ METRICS = ("absolute", "squared")
 
 
 @dataclass(frozen=True)
+class Match:
+    """What synthesis compares, and how.
+
+    Parameters
+    ----------
+    maps : (H, W) or (H, W, n) array, Relightable, or sequence of arrays of one size, optional
+        Compared in place of the sample's own maps, such as the gamma-encoded values of a photograph. Default None: the
+        sample's maps are compared.
+    weights : (n,) array, optional
+        Weight of each compared map, at least 0 and not all 0; only their ratios count. All maps are first brought to equal
+        range (Dong, section 6.2.3). Default None: all weigh the same.
+    metric : {"absolute", "squared"}, optional
+        Sum of absolute differences (Dong, eq. 6.2.1) or of squared ones. Default "absolute", as published.
+
+    Raises
+    ------
+    InputError
+        If the metric is unknown.
+
+    See Also
+    --------
+    intaglio.quilt, intaglio.grow, intaglio.synthesize : Take it as ``match``.
+
+    References
+    ----------
+    Dong, "Three-dimensional Surface Texture Synthesis", PhD thesis, Heriot-Watt University 2003, sections 6.2.1 and 6.2.3.
+
+    Examples
+    --------
+    Colours are copied, but only their sum is compared:
+
+    >>> import numpy as np
+    >>> import intaglio
+    >>> sample = np.stack([np.eye(24), 1 - np.eye(24)], axis=2)
+    >>> match = intaglio.Match(maps=sample.sum(axis=2), metric="squared")
+    >>> intaglio.quilt(sample, 30, block=8, match=match, device="cpu").maps.shape
+    (30, 30, 2)
+    """
+
+    maps: Any = None
+    weights: Sequence[float] | Array | None = None
+    metric: str = "absolute"
+
+    def __post_init__(self) -> None:
+        checked_choice("metric", self.metric, METRICS)
+
+
+def as_match(match: Any) -> Match:
+    """Return what ``match`` stands for: a `Match` as it is, and maps, or None, as one that compares them."""
+    return match if isinstance(match, Match) else Match(match)
+
+
+@dataclass(frozen=True)
 class SampleMaps:
-    """A sample taken apart.
+    """A sample split into what is copied and what is compared.
 
     Attributes
     ----------
@@ -55,7 +109,7 @@ def compared_planes(texture: Relightable) -> Array:
     return texture_planes(replace(texture, height=None, confidence=None))
 
 
-def stacked(maps: Any, name: str = "maps") -> Array:
+def stack_maps(maps: Any, name: str = "maps") -> Array:
     """Return ``maps`` as (H, W, n): an array (H, W) or (H, W, n), a `Relightable`, or a sequence of arrays of one size.
 
     Raises
@@ -66,7 +120,7 @@ def stacked(maps: Any, name: str = "maps") -> Array:
     if isinstance(maps, Relightable):
         return texture_planes(maps)
     if isinstance(maps, list | tuple):
-        parts = [stacked(m, f"{name}[{i}]") for i, m in enumerate(maps)]
+        parts = [stack_maps(m, f"{name}[{i}]") for i, m in enumerate(maps)]
         if not parts:
             raise InputError(f"{name} is empty; give at least one map")
         sizes = {p.shape[:2] for p in parts}
@@ -91,27 +145,24 @@ def stacked(maps: Any, name: str = "maps") -> Array:
     return array
 
 
-def prepare(
-    maps: Any, *, mask: Array | None = None, match: Any = None, weights: Sequence[float] | Array | None = None
-) -> SampleMaps:
+def prepare_sample(maps: Any, *, mask: Array | None = None, match: Match | None = None) -> SampleMaps:
     """Check a sample and bring the values that are compared to equal range.
 
     Parameters
     ----------
     maps : (H, W) or (H, W, n) array, Relightable, or sequence of arrays
     mask : (H, W) bool array, optional
-        Pixels that may be used. A `Relightable` brings its own, which is joined to it.
-    match : like ``maps``, optional
-        Compared in place of ``maps``.
-    weights : (n,) array, optional
-        Weight of each compared map.
+        Pixels that may be used. The mask of a `Relightable` is intersected with it.
+    match : Match, optional
+        What is compared, and its weights.
 
     Raises
     ------
     InputError
-        For shapes that don't fit, values that are not finite, a mask that leaves nothing, or weights that are none.
+        For shapes that don't agree, values that are not finite, a mask that leaves nothing, or unusable weights.
     """
-    values = stacked(maps)
+    match = Match() if match is None else match
+    values = stack_maps(maps)
     usable = np.ones(values.shape[:2], bool)
     if isinstance(maps, Relightable) and maps.mask is not None:
         usable &= maps.mask
@@ -119,8 +170,8 @@ def prepare(
         usable &= checked_mask("mask", mask, usable.shape)
     if not usable.any():
         raise InputError("mask leaves no pixel of the sample; True marks pixels that may be used")
-    if match is not None:
-        compared = stacked(match, "match")
+    if match.maps is not None:
+        compared = stack_maps(match.maps, "match")
     else:
         compared = compared_planes(maps) if isinstance(maps, Relightable) else values
     if compared.shape[:2] != usable.shape:
@@ -133,7 +184,7 @@ def prepare(
                 f"{name}: {bad.sum()} of {bad.size} pixels have values that are not finite, the first in row {y}, column {x}; "
                 "mask them out (mask: True marks pixels that may be used)"
             )
-    return SampleMaps(values, _equal_range(compared, usable, weights), usable)
+    return SampleMaps(values, _equal_range(compared, usable, match.weights), usable)
 
 
 def _equal_range(compared: Array, usable: Array, weights: Sequence[float] | Array | None) -> Array:
@@ -157,33 +208,3 @@ def _equal_range(compared: Array, usable: Array, weights: Sequence[float] | Arra
         if spread > 0:
             planes[c][usable] = (plane[usable] - low) / spread * factor[c]
     return planes
-
-
-def checked_mask(name: str, mask: Any, shape: tuple[int, ...]) -> Array:
-    """Return ``mask`` as a bool array, or raise `InputError` if it is none of ``shape``."""
-    try:
-        array = np.asarray(mask)
-    except ValueError as error:
-        raise InputError(f"{name} must be a bool array {shape} like the maps ({error})") from error
-    if array.shape != tuple(shape) or array.dtype.kind not in "bui":
-        raise InputError(f"{name} must be a bool array {tuple(shape)} like the maps, not {array.dtype} {array.shape}")
-    return array.astype(bool)
-
-
-def checked_size(size: int | tuple[int, int]) -> tuple[int, int]:
-    """Return ``size``, a number or (rows, columns), as (rows, columns).
-
-    Raises
-    ------
-    InputError
-        If it is no whole number from 1 to 65536, or two of them.
-    """
-    both = (size, size) if isinstance(size, int | np.integer) and not isinstance(size, bool) else size
-    try:
-        rows, columns = both  # type: ignore[misc]
-    except (TypeError, ValueError) as error:
-        raise InputError(f"size must be a whole number or (rows, columns), not {size!r}") from error
-    for number in (rows, columns):
-        if not isinstance(number, int | np.integer) or isinstance(number, bool) or not 1 <= number <= 65536:
-            raise InputError(f"size must be whole numbers from 1 to 65536, (rows, columns); given: {size!r}")
-    return int(rows), int(columns)

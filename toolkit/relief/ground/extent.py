@@ -46,7 +46,7 @@ class Region:
 def sampling_distance(feet: Array, faces: Array, median: bool = False) -> tuple[float, str]:
     """Return the distance between samples to be used for targets, and how it was found.
 
-    Paper 000, section 4: the minimum edge length bounds the highest frequency that the capture holds, so targets at that
+    3DIM 2005, section 4: the minimum edge length bounds the highest frequency that the capture holds, so targets at that
     distance don't alias. A single tiny edge (a scanner's glitch, a decimator's sliver) would demand millions of them:
     the 5 % quantile of the edge lengths on the base stands for the minimum, and at least half the median. With ``median`` it is
     the median: where the scan's own triangles are of many sizes, targets much finer than most of them would copy single
@@ -219,7 +219,7 @@ def _plane(base: Plane, feet: Array, faces: Array, spacing: float, extent: Exten
 def scan_lattice(chart: Array, faces: Array) -> tuple[Array, Array] | None:
     """Find the lattice that the scan's samples form in the chart, if they do.
 
-    Targets that continue it are in phase with the samples (paper 000, section 4).
+    Targets that continue it are in phase with the samples (3DIM 2005, section 4).
 
     Returns
     -------

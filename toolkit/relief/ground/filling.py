@@ -117,7 +117,7 @@ def fill_smoothly(
     height = np.einsum("ij,ij->i", vertices - surface[: len(vertices)], normals[: len(vertices)])
     foot = surface.copy()
     foot[: len(vertices)] = vertices - height[:, None] * normals[: len(vertices)]
-    foot[len(vertices) :] += _drawn_along(foot[: len(vertices)] - surface[: len(vertices)], together, total)
+    foot[len(vertices) :] += _draw_along(foot[: len(vertices)] - surface[: len(vertices)], together, total)
     base = SmoothBase(vertices=foot, faces=together, normals=normals, relief_scale=relief_scale, device=device)
     return SmoothFilling(base, foot, normals, together[len(faces) :], count, tuple(notes))
 
@@ -172,7 +172,7 @@ class _Scan:
         return near[reached], faces[reached[place].all(axis=1)]
 
 
-def _drawn_along(slip: Array, faces: Array, count: int) -> Array:
+def _draw_along(slip: Array, faces: Array, count: int) -> Array:
     """Return by how much targets (T, 3) are drawn along where the scan's feet slip (N, 3) along the base at the rim.
 
     A sharp rim is rounded off by smoothing: its vertices' feet stand beyond it, and so would a gap. The shift dies away over
@@ -248,7 +248,7 @@ def _fairest(scan: _Scan, flat: _Patch, spacing: float, relief_scale: float) -> 
     band, faces = scan.band(flat.rim, 1.5 * relief_scale)
     local, rim = np.searchsorted(band, faces), np.searchsorted(band, flat.rim)
     for tension in _TENSIONS:
-        patch = _faired(scan.vertices[band], local, rim, flat, relief_scale, tension)
+        patch = _fair(scan.vertices[band], local, rim, flat, relief_scale, tension)
         if patch.area <= _LARGEST * flat.area and patch.folded <= _FOLDED:
             break
     rim = patch.rim
@@ -263,7 +263,7 @@ def _fairest(scan: _Scan, flat: _Patch, spacing: float, relief_scale: float) -> 
     return inner, number[patch.faces]
 
 
-def _faired(band: Array, band_faces: Array, rim: Array, flat: _Patch, relief_scale: float, tension: float) -> _Patch:
+def _fair(band: Array, band_faces: Array, rim: Array, flat: _Patch, relief_scale: float, tension: float) -> _Patch:
     """Return the patch in the shape of least energy together with the scan around it, smoothed.
 
     ``band`` (K, 3) are the scan's vertices near the hole, ``rim`` says which of them are the patch's first vertices.

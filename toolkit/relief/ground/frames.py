@@ -1,4 +1,7 @@
-"""Local orientation frames [u, v, n] on the base (paper 001, "Neighborhood orientation"; paper 000, section 3)."""
+"""Local orientation frames [u, v, n] on the base.
+
+Breckon & Fisher, IEEE TPAMI 30(12), 2008, "Neighborhood orientation", and 3DIM 2005, section 3.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +31,8 @@ def local_frames(
     base : Base
         Decides the default: a global reference on a plane and a cylinder (its axis), the sweep on a sphere.
     method : {"algebraic", "sweep", "reference"}, optional
-        "algebraic": from the normal's smallest component (paper 000). "sweep": neighbour to neighbour from
-        ``seed_vertex``, each frame turned to agree with those already set (paper 001, after Wei & Levoy).
+        "algebraic": from the normal's smallest component (3DIM 2005). "sweep": neighbour to neighbour from
+        ``seed_vertex``, each frame turned to agree with those already set (TPAMI 2008, after Wei & Levoy).
         "reference": the projection of one global vector.
     reference : (3,) array, optional
         The global vector for "reference"; default the cylinder's axis or the plane's chart direction.

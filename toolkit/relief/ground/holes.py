@@ -166,7 +166,7 @@ def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None 
     elif isinstance(wanted, str) and wanted == "every":
         chosen = [hole for hole in holes if low <= hole.length <= high]
     else:
-        chosen = [hole for hole in _numbered(holes, wanted) if low <= hole.length <= high]
+        chosen = [hole for hole in _number(holes, wanted) if low <= hole.length <= high]
     if not chosen:
         lengths = f"{holes[-1].length:.4g} to {holes[0].length:.4g}"
         raise InputError(
@@ -176,7 +176,7 @@ def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None 
     return chosen
 
 
-def _numbered(holes: list[Hole], wanted: Holes) -> list[Hole]:
+def _number(holes: list[Hole], wanted: Holes) -> list[Hole]:
     meaning = "holes must be 'all', 'largest', 'every' or numbers of holes as `intaglio info` lists them"
     if isinstance(wanted, str):
         raise InputError(f"{meaning}, not {wanted!r}")

@@ -59,7 +59,7 @@ def triangulate_rim(vertices: Array, edge_table: Array, loops: list[Array], devi
         edge_table = np.union1d(edge_table, edge_keys(bridge[None, :], count))
     if len(polygon) < 3:
         raise RimError("a rim of fewer than three edges")
-    kept = _thinned(polygon, vertices, edge_table, count)
+    kept = _thin(polygon, vertices, edge_table, count)
     triangles = [polygon[kept[_best(polygon[kept], vertices, edge_table, count, device)]]]
     for first, last in zip(kept, np.append(kept[1:], len(polygon)), strict=True):
         if last - first > 1:
@@ -74,7 +74,7 @@ def triangulate_rim(vertices: Array, edge_table: Array, loops: list[Array], devi
     return found
 
 
-def _thinned(polygon: Array, vertices: Array, edge_table: Array, count: int) -> Array:
+def _thin(polygon: Array, vertices: Array, edge_table: Array, count: int) -> Array:
     """Positions of the corners that a first triangulation of a long rim stands on."""
     size = len(polygon)
     step = -(-size // _LONGEST_RIM)
@@ -88,7 +88,7 @@ def _thinned(polygon: Array, vertices: Array, edge_table: Array, count: int) -> 
         after = np.roll(at, -1)
         chord = np.sort(np.stack([polygon[at], polygon[after]], axis=1), axis=1)
         gap = (after - at) % size
-        taken = (gap > 1) & _listed(edge_keys(chord, count), edge_table)
+        taken = (gap > 1) & _in_table(edge_keys(chord, count), edge_table)
         if not taken.any():
             return at
         for first, width in zip(at[taken], gap[taken], strict=True):
@@ -100,14 +100,14 @@ def _best(polygon: Array, vertices: Array, edge_table: Array, count: int, device
         return np.array([[0, 1, 2]])
     a, b = np.meshgrid(polygon, polygon, indexing="ij")
     pairs = np.stack([np.minimum(a, b), np.maximum(a, b)], axis=-1).reshape(-1, 2)
-    barred = (_listed(edge_keys(pairs, count), edge_table) | (pairs[:, 0] == pairs[:, 1])).reshape(a.shape)
+    barred = (_in_table(edge_keys(pairs, count), edge_table) | (pairs[:, 0] == pairs[:, 1])).reshape(a.shape)
     triangles = least_area_triangles(vertices[polygon], polygon, barred, device)
     if triangles is None:
         raise RimError("every triangulation of the rim runs through an edge of the scan twice")
     return triangles
 
 
-def _listed(keys: Array, table: Array) -> Array:
+def _in_table(keys: Array, table: Array) -> Array:
     if len(table) == 0:
         return np.zeros(len(keys), bool)
     return np.asarray(table[np.minimum(np.searchsorted(table, keys), len(table) - 1)] == keys)
@@ -138,7 +138,7 @@ def refine_patch(points: Array, faces: Array, spacing: float, barred: Array) -> 
     pairs = np.stack(np.divmod(barred, len(points)), axis=1)
     for _ in range(_MOST_ROUNDS):
         points, faces, split = _split(points, faces, _SPLIT * spacing)
-        faces = _flipped(points, faces, edge_keys(pairs, len(points)))
+        faces = _flip(points, faces, edge_keys(pairs, len(points)))
         if split == 0:
             break
     # Only now: vertices that moved between splits would crowd where edges are still long.
@@ -148,7 +148,7 @@ def refine_patch(points: Array, faces: Array, spacing: float, barred: Array) -> 
         graph = adjacency(faces, len(points))
         degree = np.maximum(np.diff(graph.indptr), 1)[:, None]
         points = np.where(moving[:, None], 0.5 * (points + (graph @ points) / degree), points)
-        faces = _flipped(points, faces, edge_keys(pairs, len(points)))
+        faces = _flip(points, faces, edge_keys(pairs, len(points)))
     return points, faces
 
 
@@ -183,7 +183,7 @@ def _split(points: Array, faces: Array, longest: float) -> tuple[Array, Array, i
     return np.concatenate([points, added]), np.concatenate(parts), len(first)
 
 
-def _flipped(points: Array, faces: Array, barred: Array) -> Array:
+def _flip(points: Array, faces: Array, barred: Array) -> Array:
     """Flip inner edges whose opposite angles add to more than pi, until none is left or the sweeps are used up."""
     faces = faces.copy()
     count = len(points)
@@ -203,7 +203,7 @@ def _flipped(points: Array, faces: Array, barred: Array) -> Array:
         )
         pair = edge_keys(np.sort(np.stack([c, d], axis=1), axis=1), count)
         present = np.sort(edge_keys(np.sort(edges, axis=1), count))
-        good = (excess > 1e-6) & upright & (c != d) & ~_listed(pair, present) & ~_listed(pair, barred)
+        good = (excess > 1e-6) & upright & (c != d) & ~_in_table(pair, present) & ~_in_table(pair, barred)
         e, o, a, b, c, d, excess, pair = (x[good] for x in (e, o, a, b, c, d, excess, pair))
         if len(e) == 0:
             break

@@ -110,11 +110,11 @@ def smooth_over_surface(
         out[moving] = factor_symmetric(system).solve(right)
     else:
         root = csr_array(csr_array(diags_array(area) - operator)[moving][:, moving])
-        out[moving] = _iterated(system, right, out[moving], root, area[moving])
+        out[moving] = _iterate(system, right, out[moving], root, area[moving])
     return np.asarray(out + offset)
 
 
-def _iterated(system: csr_array, right: Array, start: Array, root: csr_array, area: Array) -> Array:
+def _iterate(system: csr_array, right: Array, start: Array, root: csr_array, area: Array) -> Array:
     """Solve by conjugate gradients, and directly where they don't converge.
 
     (A - L) A^-1 (A - L) is the energy's own form with all weights 1, up to a factor of 2: few steps are needed, however long the

@@ -19,7 +19,7 @@ class Comparison:
     Attributes
     ----------
     color_weight : float
-        1 - mu, in [0, 1]: the share of colour in the combined measure (paper 000, section 6). 0: colour does not count.
+        1 - mu, in [0, 1]: the share of colour in the combined measure (3DIM 2005, section 6). 0: colour does not count.
     span : float
         The largest difference of two measured displacements, by which differences of relief are normalised to [0, 1].
     coarse : (N,) array or None
@@ -36,7 +36,7 @@ class Comparison:
     def factors(self) -> list[tuple[float, bool]]:
         """Return for every channel what differences are multiplied by, and whether it is known everywhere.
 
-        A cost is then in squared input units: with colour, the normalised sum of paper 000 times the squared ``span``.
+        A cost is then in squared input units: with colour, the normalised sum of 3DIM 2005 times the squared ``span``.
         """
         out = [(float(np.sqrt(1 - self.color_weight)), False)]
         if self.color_weight > 0:

@@ -109,7 +109,7 @@ class DisplacementMetric:
         self._scale = spread if spread > 1e-12 * max(ground.spacing, 1e-300) else 1.0
         self._levels = [float(v[ground.measured].mean()) for v in self._comparison.values(ground.height, ground.color)]
         self._face_at = largest_faces(ground.faces, ground.foot)
-        self._everything = self._textured(np.ones(len(ground.measured), bool))
+        self._everything = self._upload_textured(np.ones(len(ground.measured), bool))
         self._targets = np.flatnonzero(~ground.measured)
         self._row = np.full(len(ground.measured), -1)
         self._row[self._targets] = np.arange(len(self._targets))
@@ -121,7 +121,7 @@ class DisplacementMetric:
         candidate = np.full(len(targets), -1)
         cost = np.full(len(targets), np.inf)
         fields = self._fields(state.height, state.color)
-        textured = self._textured(state.textured)
+        textured = self._upload_textured(state.textured)
         for first in range(0, len(targets), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             value, weight, supported = self._neighbourhoods(targets[part], window[part], fields, textured)
@@ -147,7 +147,7 @@ class DisplacementMetric:
         Weights of relief (and of each colour) sum to 1 over what is known.
         """
         fields = self._fields(state.height, state.color)
-        return self._neighbourhoods(targets, window, fields, self._textured(state.textured))
+        return self._neighbourhoods(targets, window, fields, self._upload_textured(state.textured))
 
     def vote(self, targets: Array, picks: Picks, rows: Array, window: int, confidence: Array) -> tuple[Array, Array | None]:
         """See `VotingMetric.vote`."""
@@ -229,7 +229,7 @@ class DisplacementMetric:
         return np.concatenate(values, axis=1), np.concatenate(weights, axis=1), np.asarray(supported)
 
     def _take_samples(self, samples: Samples, textured: Array, height: Array, color: Array | None) -> None:
-        fields, known_at = self._fields(height, color), self._textured(textured)
+        fields, known_at = self._fields(height, color), self._upload_textured(textured)
         count, points = len(samples.vertex), len(self._ring)
         shape = (count, points * len(fields))
         self._value, self._known = np.zeros(shape, np.float32), np.zeros(shape, bool)
@@ -299,7 +299,7 @@ class DisplacementMetric:
             for value, level, (factor, _) in zip(self._comparison.values(height, color), self._levels, self._factors, strict=True)
         ]
 
-    def _textured(self, textured: Array) -> wp.array:
+    def _upload_textured(self, textured: Array) -> wp.array:
         return wp.array(textured.astype(np.uint8), dtype=wp.uint8, device=self.device)
 
 

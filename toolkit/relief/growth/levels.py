@@ -74,7 +74,7 @@ def complete_coarse_levels(
             coarse = replace(coarse, vertices=coarse.foot + height[:, None] * coarse.normal)
             known = None
             if guide is not None and last is not None:
-                known = _carried(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), resources.device)
+                known = _carry(last, guide, coarse, band(coarse, 2 * _SHORTEST_WAVE * spacing), resources.device)
             samples = _thin_samples(coarse, level, resources.seed)
             error = max(0.5 * float(height[coarse.measured].var()), 1e-12 * spacing**2)
             stage = run_stage(coarse, samples, replace(parameters, error=error), coarse_settings, Comparison(coarse=known), own)
@@ -86,7 +86,7 @@ def complete_coarse_levels(
         guide, last = stage.growth.state.height, coarse
     assert guide is not None
     assert last is not None
-    return _carried(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing), resources.device)
+    return _carry(last, guide, ground, band(ground, 2 * _SHORTEST_WAVE * ground.spacing), resources.device)
 
 
 def _thin_samples(coarse: Ground, level: int, seed: int) -> Samples:
@@ -96,7 +96,7 @@ def _thin_samples(coarse: Ground, level: int, seed: int) -> Samples:
     return samples.part(np.flatnonzero(uniform(seed, Stream.RELIEF_LEVELS, samples.vertex, level) < share))
 
 
-def _carried(coarse: Ground, guide: Array, ground: Ground, own: Array, device: str) -> Array:
+def _carry(coarse: Ground, guide: Array, ground: Ground, own: Array, device: str) -> Array:
     """Coarse relief of a finer ground's vertices: the scan's own where measured, else between the coarse targets."""
     targets = np.flatnonzero(~ground.measured)
     face, weight = nearest_on_mesh(ground.foot[targets], coarse.foot, coarse.faces, device)

@@ -64,7 +64,7 @@ class Samples:
 def sample_set(ground: Ground, oversample: bool) -> Samples:
     """Return the measured vertices and, oversampled, the midpoints of all measured edges.
 
-    Halving every edge is what the 1-to-4 subdivision of every triangle adds (paper 000, section 4): samples between the
+    Halving every edge is what the 1-to-4 subdivision of every triangle adds (3DIM 2005, section 4): samples between the
     samples, so that a target out of phase with the scan's lattice still finds its match. A midpoint's displacement is the
     mean of the edge's two; its colour the Gaussian-weighted mean of its four nearest measured neighbours (section 6).
     """

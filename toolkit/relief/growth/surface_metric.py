@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-import warp as wp
 from scipy.sparse import csr_array
 
 from intaglio.arrays import Array
-from intaglio.kernels.launch import launch
 from intaglio.kernels.selection import SHORTLIST, pick_by_rank, select_near_best
-from intaglio.kernels.surface_matching import NOT_VIABLE, surface_ssd_kernel
+from intaglio.kernels.surface_matching import SurfaceMatcher, SurfaceMesh
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth.propagation import choose_near_best
 from intaglio.relief.growth.samples import Samples, filled_sample_set
 from intaglio.relief.growth.settings import Selection
 from intaglio.relief.growth.state import Picks, State
 
-# Threads per target on a CPU: few, since a thread prunes by what it has seen itself.
-_STRIDE_CPU, _STRIDE_CUDA = 4, 1024
-
 
 class SurfaceMetric:
-    """Neighbours within w edges, matched by projected position on the base (paper 001, figure 6 and eq. 2).
+    """Neighbours within w edges, matched by projected position on the base (TPAMI 2008, figure 6 and eq. 2).
 
     Parameters
     ----------
@@ -41,25 +36,21 @@ class SurfaceMetric:
         self._center = ground.foot.mean(axis=0)
         self._rotations = rotations
         angle = 2 * np.pi * np.arange(rotations) / rotations
-        self._turns = self._put(np.stack([np.cos(angle), np.sin(angle)], axis=1), wp.vec2)
         # Distances are squared in single precision: at unit relief scale they keep their digits.
         relief = ground.height[ground.measured]
         self._scale = max(float(relief.std()), 1e-6 * ground.spacing)
-        self._mesh = {
-            "foot": self._points(ground.foot),
-            "u": self._put(ground.u, wp.vec3),
-            "v": self._put(ground.v, wp.vec3),
-            "tables": [
-                self._put(table, wp.int32)
-                for table in (
-                    ground.topology.offsets,
-                    ground.topology.neighbours,
-                    ground.topology.face_offsets,
-                    ground.topology.incident,
-                    ground.faces,
-                )
-            ],
-        }
+        topology = ground.topology
+        mesh = SurfaceMesh(
+            foot=self._unit(ground.foot),
+            u=ground.u,
+            v=ground.v,
+            offsets=topology.offsets,
+            neighbours=topology.neighbours,
+            face_offsets=topology.face_offsets,
+            incident=topology.incident,
+            faces=ground.faces,
+        )
+        self._matcher = SurfaceMatcher(mesh, np.stack([np.cos(angle), np.sin(angle)], axis=1), device)
         self._rings = ring_neighbourhoods(ground, window)
         self._take(samples, ground.measured)
 
@@ -71,18 +62,18 @@ class SurfaceMetric:
         chosen = np.full(len(targets), -1)
         error = np.full(len(targets), np.inf)
         at_once = int(np.clip(32_000_000 // candidates, 1, 4096))
-        position = self._points(self._ground.foot + state.height[:, None] * self._ground.normal)
+        position = self._unit(self._ground.foot + state.height[:, None] * self._ground.normal)
         for first in range(0, len(targets), at_once):
             rows = slice(first, first + at_once)
             part = targets[rows]
             offsets, listed, weight = self._textured_lists(part, window[rows], state.textured)
-            cost = self._costs(part, offsets, listed, weight, position, 1 + selection.tolerance if near_best else 1e30)
+            cost = self._matcher.costs(part, position, offsets, listed, weight, 1 + selection.tolerance if near_best else 1e30)
             if near_best:
                 shortlist = np.zeros((len(part), SHORTLIST), np.int32)
                 count = np.zeros(len(part), np.int32)
                 select_near_best(
                     cost, np.zeros(len(part), np.float32), 1 + selection.tolerance, shortlist, count,
-                    split=True, stride=sample_count, samples=sample_count,
+                    stride=sample_count, samples=sample_count,
                 )  # fmt: skip
                 found = np.take_along_axis(cost.numpy(), shortlist, axis=1).astype(np.float64)
                 chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.tolerance, draw[rows])
@@ -109,43 +100,7 @@ class SurfaceMetric:
         apart = np.linalg.norm(ground.foot[start] - samples.foot[:, None], axis=2)
         start = start[np.arange(len(start)), np.argmin(apart, axis=1)]
         self.samples = samples
-        self._is_sample = self._put(is_sample.astype(np.uint8), wp.uint8)
-        self._candidates = [
-            self._points(samples.foot),
-            self._put(samples.u, wp.vec3),
-            self._put(samples.v, wp.vec3),
-            self._put(start, wp.int32),
-        ]
-
-    def _costs(self, targets: Array, offsets: Array, listed: Array, weight: Array, position: wp.array, factor: float) -> wp.array:
-        candidates = len(self.samples.vertex) * self._rotations
-        stride = min(candidates, _STRIDE_CPU if self.device.startswith("cpu") else _STRIDE_CUDA)
-        cost = wp.full((len(targets), candidates), NOT_VIABLE, dtype=float, device=self.device)
-        mesh = self._mesh
-        launch(
-            surface_ssd_kernel,
-            (len(targets), stride),
-            inputs=[
-                self._put(targets, wp.int32),
-                self._put(offsets, wp.int32),
-                self._put(listed, wp.int32),
-                self._put(weight, float),
-                position,
-                mesh["foot"],
-                mesh["u"],
-                mesh["v"],
-                *mesh["tables"],
-                self._is_sample,
-                *self._candidates,
-                self._turns,
-                stride,
-                float(factor),
-            ],
-            outputs=[cost],
-            device=self.device,
-            grain=1,
-        )
-        return cost
+        self._matcher.take_samples(self._unit(samples.foot), samples.u, samples.v, start, is_sample)
 
     def _textured_lists(self, targets: Array, window: Array, textured: Array) -> tuple[Array, Array, Array]:
         """Return offsets (T + 1,), textured neighbours and weights that sum to 1 for each target."""
@@ -160,14 +115,8 @@ class SurfaceMetric:
         np.cumsum(np.bincount(row, minlength=len(targets)), out=out[1:])
         return out, neighbour[at], (weight[at] / total[row]).astype(np.float32)
 
-    def _points(self, points: Array) -> wp.array:
-        return self._put((points - self._center) / self._scale, wp.vec3)
-
-    def _put(self, data: Array, dtype: type) -> wp.array:
-        kind = {wp.int32: np.int32, wp.uint8: np.uint8}.get(dtype, np.float32)
-        data = np.ascontiguousarray(data, kind)
-        ndim = 2 if dtype is wp.int32 and data.ndim == 2 else 1
-        return wp.array(data, dtype=dtype, ndim=ndim, device=self.device)
+    def _unit(self, points: Array) -> Array:
+        return (points - self._center) / self._scale
 
 
 def ring_neighbourhoods(ground: Ground, window: int) -> tuple[Array, Array, Array, Array]:
