@@ -45,8 +45,11 @@ bench: install
 	@$(BIN)/python -m tests.benchmarks.geometry
 
 docs: install
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
-	$(BIN)/sphinx-build -W -b html docs out/docs
+	@$(BIN)/python -c 'import furo, matplotlib, myst_parser, numpydoc, sphinx_click' 2>/dev/null \
+	  || $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	@rm -rf docs/reference/generated
+	$(BIN)/sphinx-build -W --keep-going -b html -d out/doctrees docs out/docs
+	@echo "open out/docs/index.html"
 
 clean:
 	rm -rf build out $(VENV) .pytest_cache .mypy_cache .ruff_cache

@@ -1,17 +1,18 @@
 """Sphinx configuration: pages of this folder, the reference from docstrings, and tutorials that run as the manual is built."""
 
-import os
+import sys
+from pathlib import Path
 
 import intaglio
 
-# Pages are made beside other work, and on machines whose cores are few.
-os.environ.setdefault("MPLBACKEND", "agg")
+sys.path.insert(0, str(Path(__file__).parent))
 
 project = "Intaglio"
 version = release = intaglio.__version__
 extensions = [
-    "myst_nb",
+    "myst_parser",
     "numpydoc",
+    "run_cells",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
@@ -29,10 +30,3 @@ autosummary_generate = True
 autodoc_typehints = "none"  # numpydoc's sections say the types
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
-numpydoc_xref_param_type = False
-
-nb_execution_mode = "cache"
-nb_execution_cache_path = os.path.join(os.path.dirname(__file__), "..", "out", "docs-cache")
-nb_execution_raise_on_error = True
-nb_execution_timeout = 300
-nb_merge_streams = True

@@ -11,12 +11,12 @@ from intaglio.render.views import CLAY, Light, Viewpoint, frame, view
 
 __all__ = [
     "CLAY",
-    "Viewpoint",
     "Comparison",
     "Gloss",
     "Light",
     "RangeImage",
     "Variant",
+    "Viewpoint",
     "compare",
     "frame",
     "height_normals",

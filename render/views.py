@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from intaglio.render.variants import mitsuba
 
+#: Linear reflectance of the clay in which meshes without colours are shown.
 CLAY = (0.55, 0.5, 0.45)
 
 

@@ -90,11 +90,11 @@ def main(run: Callable[..., object], description: str | None, names: Iterable[st
     several = tuple(names)
     if several:
         chosen = f"which of {', '.join(several)}; default all"
-        parser.add_argument("names", nargs="*", choices=several, default=several, metavar="NAME", help=chosen)
+        parser.add_argument("names", nargs="*", choices=several, metavar="NAME", help=chosen)
     args = parser.parse_args()
     args.output.mkdir(parents=True, exist_ok=True)
     if several:
-        run(args, names=tuple(args.names))
+        run(args, names=tuple(args.names) or several)
     else:
         run(args)
 

@@ -18,6 +18,7 @@ import numpy as np
 from intaglio.files import write_image
 from intaglio.geometry import (
     GeometryTexture,
+    PatchFit,
     PointSet,
     assess_geometry,
     comparison_pictures,
@@ -133,7 +134,7 @@ EXTENSIONS = {
     "brick_height": Extension("Brick height field", brick_swatch, (295.0, 295.0), 60.0),
     "chain_mail": Extension("Chain mail", chain_mail_swatch, (26.0, 19.0), 5.0, count_rings),
     "weave": Extension("Weave", weave_swatch, (17.0, 17.0), 3.9, count_threads),
-    "flowers": Extension("Flowers", flowers_swatch, (13.5, 11.5), 3.2, settings={"weights": "flowers"}),
+    "flowers": Extension("Flowers", flowers_swatch, (13.5, 11.5), 3.2, settings={"fit": PatchFit(weights="flowers")}),
     "knit": Extension("Knitted ribbing", lambda: yarn_swatch(_RIBBING, (-0.6, -4.2), (4.9, 1.3)), (9.0, 9.0), 1.7, data=_RIBBING),
     "trellis": Extension(
         "Openwork trellis", lambda: yarn_swatch(_TRELLIS, (-6.0, -4.6), (6.0, 4.6)), (15.0, 12.0), 3.6, data=_TRELLIS

@@ -18,8 +18,8 @@ from intaglio.photographs import (
     bind_photographs,
     border_step,
     combine_photographs,
-    pictures,
     restore_texture,
+    textured_views,
     write_texture_report,
     write_textured,
 )
@@ -131,7 +131,7 @@ def run(args: argparse.Namespace, *, size: int = 1200, texels: int = 2048, sampl
     write_textured(surface, laid, whole, mesh)
     write_texture_report(page, surface, laid, whole, title="Photographed head", view=FRONT, extra=lines)
     rows = [[p.read()[0][::3, ::3] for p in taken]]
-    rows += [list(pictures(surface, laid, t.image, FRONT).values()) for t in (plain, made, whole)]
+    rows += [list(textured_views(surface, laid, t.image, FRONT).values()) for t in (plain, made, whole)]
     strips = [side_by_side(row) for row in rows]
     width = max(s.shape[1] for s in strips)
     padded = [np.pad(s, ((0, 0), (0, width - s.shape[1]), (0, 0)), constant_values=1.0) for s in strips]

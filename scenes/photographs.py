@@ -61,11 +61,11 @@ def photographed(
     return Photograph(camera=camera, picture=np.dstack([exposed, alpha]).astype(np.float32), name=name)
 
 
-def vertex_color_texture(mesh: Surface, laid: Parameterization, binding: Binding, gains: Array, size: int) -> Array:
+def vertex_color_texture(surface: Surface, uv: Parameterization, binding: Binding, gains: Array, size: int) -> Array:
     """Return the texture (size, size, 3) that colours at the vertices alone would give."""
-    face, weight = rasterize(laid.uv, laid.faces, size, size, "cpu")
-    colors = spread_colors(*mean_vertex_colors(binding, gains), mesh.faces)
-    corner = mesh.faces[face]
+    face, weight = rasterize(uv.uv, uv.faces, size, size, "cpu")
+    colors = spread_colors(*mean_vertex_colors(binding, gains), surface.faces)
+    corner = surface.faces[face]
     third = 1 - weight.sum(axis=2)
     image = (
         weight[:, :, :1] * colors[corner[:, :, 0]]

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> PointSet:
     print("Weave on a vase: extending …")
     start = time.perf_counter()
     with ProgressBar("laying patches") as bar:
-        tile = extend_geometry(texture, 16.0, 3.9, toroidal=True, seed=args.seed, device=args.device, progress=bar.update)
+        tile = extend_geometry(texture, 16.0, 3.9, tileable=True, seed=args.seed, device=args.device, progress=bar.update)
     extended = time.perf_counter() - start
     vertices, faces, uv = vase()
     start = time.perf_counter()

@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import pkgutil
 import warnings
 from pathlib import Path
 
-import numpy as np
-import pytest
-import warp as wp
+# Of the processes that pytest-xdist runs side by side each takes its share of the cores; BLAS reads these when it is loaded.
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+SHARE = max(1, (os.cpu_count() or 1) // WORKERS)
+if WORKERS > 1:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, str(SHARE))
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+import warp as wp  # noqa: E402
 
 wp.config.log_level = wp.LOG_WARNING
 wp.init()
 
 from intaglio import cli  # noqa: E402
 from intaglio.mesh.surface import Surface  # noqa: E402
+from intaglio.render import mitsuba  # noqa: E402
 from intaglio.scenes.common import data_folder  # noqa: E402
 from intaglio.scenes.patterns import on_cylinder, on_plane, plane_wave, wave  # noqa: E402
+
+
+def pytest_sessionstart():
+    """Compile the kernels once for all processes of pytest-xdist.
+
+    They share a cache, which Warp fills with whole folders, each made beside and renamed. Every process starts at another module
+    and takes them all in turn, so that it compiles those that the others have not come to yet.
+    """
+    if WORKERS == 1:
+        return
+    import intaglio.kernels
+
+    names = sorted(found.name for found in pkgutil.iter_modules(intaglio.kernels.__path__))
+    for name in names:
+        importlib.import_module(f"intaglio.kernels.{name}")
+    modules = [module for name in names if (module := wp.get_module(f"intaglio.kernels.{name}")).kernels]
+    first = int(os.environ["PYTEST_XDIST_WORKER"].removeprefix("gw")) * len(modules) // WORKERS
+    for module in (*modules[first:], *modules[:first]):
+        module.load("cpu", block_dim=1)
 
 
 @pytest.fixture(params=["cpu", *[str(d) for d in wp.get_cuda_devices()[:1]]])
@@ -98,8 +127,17 @@ def run(monkeypatch, capsys):
     return call
 
 
+@pytest.fixture
+def quick_pictures(monkeypatch):
+    """Let reports be rendered with one path a pixel, where a test looks at their pages and not at what the pictures show."""
+    mi = mitsuba()
+    render = mi.render
+    monkeypatch.setattr(mi, "render", lambda *args, spp, **settings: render(*args, spp=1, **settings))
+
+
 @pytest.fixture(autouse=True)
-def _no_stray_environment(monkeypatch):
-    for name in ("INTAGLIO_THREADS",):
-        if name in os.environ:
-            monkeypatch.delenv(name)
+def _share_of_the_threads(monkeypatch):
+    if WORKERS > 1:
+        monkeypatch.setenv("INTAGLIO_THREADS", str(SHARE))
+    else:
+        monkeypatch.delenv("INTAGLIO_THREADS", raising=False)

@@ -84,7 +84,7 @@ def test_a_nearly_flat_piece_of_a_large_sphere_is_reported_as_ambiguous():
     rough = points + RNG.normal(0, 0.2, (2000, 1)) * outward
     base = intaglio.fit_base(rough)
     assert base.fit.ambiguous
-    assert "not told apart" in base.fit.note
+    assert "does not decide" in base.fit.note
     assert set(base.fit.candidates) >= {"plane", "sphere"}
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 
 import intaglio
 from intaglio.cli.entry import main
+from intaglio.cli.options import grouped, was_given
 
 
 def run(monkeypatch, capsys, *arguments):
@@ -41,6 +43,7 @@ def test_help_has_an_example_seed_and_device(monkeypatch, capsys, command):
             assert text in out
 
 
+@pytest.mark.usefixtures("quick_pictures")
 def test_complete_writes_mesh_and_report(monkeypatch, capsys, scan_file, tmp_path):
     output, page = tmp_path / "whole.ply", tmp_path / "whole.html"
     status, out, err = run(
@@ -162,3 +165,18 @@ def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
     status, _, err = run(monkeypatch, capsys, "info", tmp_path / "bad.lp")
     assert status == 2
     assert "declares 3 images, but 1 follow" in err
+
+
+def test_grouped_options_reach_the_command_as_one_argument():
+    seen = {}
+
+    @click.command()
+    @click.option("--first", default=1)
+    @grouped("fit", dict, click.option("--weight", default=0.5, help="Heavy."), click.option("--no-seam", is_flag=True))
+    @click.option("--last", default=2)
+    def command(first, fit, last):
+        seen.update(first=first, fit=fit, last=last, given=was_given("weight"))
+
+    assert [param.name for param in command.params] == ["first", "weight", "no_seam", "last"]
+    command.main(["--weight", "3", "--last", "4"], standalone_mode=False)
+    assert seen == {"first": 1, "fit": {"weight": 3.0, "no_seam": False}, "last": 4, "given": True}

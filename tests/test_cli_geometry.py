@@ -20,6 +20,7 @@ def swatch_file(tmp_path):
     return tmp_path / "weave.ply"
 
 
+@pytest.mark.usefixtures("quick_pictures")
 def test_the_command_writes_points_mesh_and_report(swatch_file, run):
     folder = swatch_file.parent
     before = swatch_file.read_bytes()
@@ -44,7 +45,7 @@ def test_the_command_lays_the_result_over_a_mesh(swatch_file, run):
     visual = trimesh.visual.TextureVisuals(uv=uv)
     trimesh.Trimesh(vertices, faces, visual=visual, process=False).export(folder / "vase.obj")
     code, _, errors = run(
-        "extend", swatch_file, "-o", folder / "vase.ply", "--size", "8", "--patch", "2.2", "--extra", "0.4", "--toroidal",
+        "extend", swatch_file, "-o", folder / "vase.ply", "--size", "8", "--patch", "2.2", "--extra", "0.4", "--tileable",
         "--over", folder / "vase.obj", "--repeat", "2,1",
     )  # fmt: skip
     assert code == 0, errors

@@ -32,6 +32,7 @@ def scene(tmp_path):
     return tmp_path
 
 
+@pytest.mark.usefixtures("quick_pictures")
 def test_texture_writes_a_textured_mesh_and_a_report(scene, run):
     out = scene / "textured.glb"
     arguments = ["--size", "64", "--report", str(scene / "report.html"), "--leave-out", "view2.png"]

@@ -14,6 +14,7 @@ from intaglio import (
     InputError,
     IntaglioWarning,
     PairingWeights,
+    PatchFit,
     PointSet,
     assess_geometry,
     extend_geometry,
@@ -98,8 +99,8 @@ def test_rings_of_mail_stay_closed():
 
 
 def test_warp_and_blend_close_steps(cloth):
-    plain = assess_geometry(extend_geometry(cloth, 9, 3.2, warp=False, blend=False, relax=0), cloth)
-    blended = assess_geometry(extend_geometry(cloth, 9, 3.2, warp=False, relax=0), cloth)
+    plain = assess_geometry(extend_geometry(cloth, 9, 3.2, fit=PatchFit(warp=False, blend=False), relax=0), cloth)
+    blended = assess_geometry(extend_geometry(cloth, 9, 3.2, fit=PatchFit(warp=False), relax=0), cloth)
     both = assess_geometry(extend_geometry(cloth, 9, 3.2), cloth)
     assert blended.step < 0.7 * plain.step
     assert both.step < 0.5 * plain.step
@@ -119,7 +120,7 @@ def test_the_warp_brings_patches_onto_what_is_there(cloth, monkeypatch):
 
     monkeypatch.setattr(PatchFitter, "_blend", measure)
     for warp in (True, False):
-        extend_geometry(cloth, 9, 3.2, warp=warp, relax=0)
+        extend_geometry(cloth, 9, 3.2, fit=PatchFit(warp=warp), relax=0)
     gap = {warp: np.median(np.concatenate(parts)) / cloth.spacing for warp, parts in apart.items()}
     assert gap[True] < 0.5 * gap[False]
     assert gap[True] < 0.15
@@ -137,7 +138,7 @@ def test_every_point_tells_where_it_comes_from(cloth):
         assert np.abs(typical[2]) < 0.1
         away = np.linalg.norm(shift - typical, axis=1)
         assert np.quantile(away, 0.9) < np.quantile(made.moved[of], 0.9) + 4 * cloth.spacing
-    plain = extend_geometry(cloth, 8, 3.2, relax=0, seed=3, warp=False, blend=False)
+    plain = extend_geometry(cloth, 8, 3.2, relax=0, seed=3, fit=PatchFit(warp=False, blend=False))
     np.testing.assert_array_equal(plain.moved, 0)
     for patch in np.unique(plain.patch):
         of = plain.patch == patch
@@ -175,7 +176,7 @@ def test_patches_together_are_patches_one_by_one(cloth, monkeypatch):
     np.testing.assert_array_equal(together.points, alone.points)
 
 
-def test_a_toroidal_output_tiles(cloth):
+def test_a_tileable_output_tiles(cloth):
     tile = extend_geometry(cloth, (10, 10), 3.0, tileable=True, seed=1)
     shifts = [(10.0 * i, 10.0 * j, 0.0) for i in range(2) for j in range(2)]
     points = np.concatenate([tile.points + s for s in shifts])
@@ -195,7 +196,7 @@ def test_a_toroidal_output_tiles(cloth):
 
 
 @pytest.mark.parametrize("overlap", [0.6, 1.2, 1.5])
-def test_toroidal_boxes_replace_nothing_past_the_period_but_by_overlapping_it(overlap):
+def test_tileable_boxes_replace_nothing_past_the_period_but_by_overlapping_it(overlap):
     for size in (6.7, 8.7, 12.0, 13.1):
         layout = lay_out(np.array([size, size]), np.array([3.0, 3.0]), overlap, 0.75, 0.5, tileable=True)
         for place in layout.places:
@@ -290,7 +291,7 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
     centers = np.stack(np.meshgrid(np.arange(4) * 6.0, np.arange(4) * 6.0, [0.0]), axis=-1).reshape(-1, 3)
     points = np.concatenate([dots + c for c in centers])
     texture = geometry_from_points(points, np.tile(dots, (16, 1)), axis="z", bounds=np.array([[2.0, 2, -1], [16, 16, 1]]))
-    made = extend_geometry(texture, 25, 3.0, weights="flowers")
+    made = extend_geometry(texture, 25, 3.0, fit=PatchFit(weights="flowers"))
     assert len(made) > 1000
     assert np.isfinite(made.points).all()
 
@@ -307,12 +308,9 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
         (8, 3.2, {"cell": 5.0}, "cell must be from"),
         (8, 3.2, {"cell": 1e-5}, "cell must be from"),
         (8, 3.2, {"tolerance": -1}, "tolerance must be"),
-        (8, 3.2, {"pairs": 3}, "pairs must be"),
         (8, 3.2, {"relax": -1}, "relax must be"),
-        (8, 3.2, {"smoothing": 0}, "smoothing must be"),
         (8, 3.2, {"max_error": "x"}, "max_error must be"),
-        (8, 3.2, {"weights": "tweed"}, "choose auto, height field"),
-        (8, 3.2, {"weights": PairingWeights(1, 1, -1, 1)}, "length must be"),
+        (8, 3.2, {"fit": "weave"}, "fit must be a PatchFit"),
         (6, 3.2, {"tileable": True}, "too small to close"),
         (8, 3.2, {"seed": 1.5}, "seed must be"),
         (8, 3.2, {"device": "tpu"}, "not available"),
@@ -323,7 +321,6 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
         (8, -1, {}, "patch must be"),
         (8, 3.2, {"tileable": "no"}, "tileable must be True or False"),
         (8, 0.3, {}, "patch .* is too small"),
-        (8, 3.2, {"weights": ["auto"]}, "are not known"),
         (1e300, 3.2, {}, "more than"),
         ("wide", 3.2, {}, "size must be"),
     ],
@@ -331,6 +328,24 @@ def test_empty_parts_of_a_swatch_are_no_trouble():
 def test_bad_settings_are_told(cloth, size, patch, settings, message):
     with pytest.raises(InputError, match=message):
         extend_geometry(cloth, size, patch, **settings)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pairs": 3}, "pairs must be"),
+        ({"rounds": -1}, "rounds must be"),
+        ({"smoothing": 0}, "smoothing must be"),
+        ({"warp": "no"}, "warp must be True or False"),
+        ({"blend": 1}, "blend must be True or False"),
+        ({"weights": "tweed"}, "choose auto, height field"),
+        ({"weights": PairingWeights(1, 1, -1, 1)}, "length must be"),
+        ({"weights": ["auto"]}, "are not known"),
+    ],
+)
+def test_a_bad_fit_is_named_when_it_is_made(options, message):
+    with pytest.raises(InputError, match=message):
+        PatchFit(**options)
 
 
 def test_something_else_than_a_texture_is_told():

@@ -61,16 +61,16 @@ def test_buckets_hold_what_brute_force_holds(period):
     assert sorted(buckets.everything()["source"].tolist()) == sorted(kept[:, 3].astype(int).tolist())
 
 
-@pytest.mark.parametrize("toroidal", [False, True])
+@pytest.mark.parametrize("tileable", [False, True])
 @pytest.mark.parametrize("size", [(5.0, 4.0), (9.3, 7.1), (20.0, 6.0)])
-def test_patches_cover_the_output_and_levels_keep_scan_line_order(size, toroidal):
-    layout = lay_out(np.array(size), np.array([2.0, 1.6]), 0.5, 0.4, 0.45, toroidal=toroidal)
+def test_patches_cover_the_output_and_levels_keep_scan_line_order(size, tileable):
+    layout = lay_out(np.array(size), np.array([2.0, 1.6]), 0.5, 0.4, 0.45, tileable=tileable)
     assert [p.number for p in layout.places] == list(range(len(layout.places)))
     x, y = np.meshgrid(np.linspace(0, size[0], 200, endpoint=False), np.linspace(0, size[1], 150, endpoint=False))
     covered = np.zeros(x.shape, bool)
     for p in layout.places:
-        for i in (-1, 0, 1) if toroidal else (0,):
-            for j in (-1, 0, 1) if toroidal else (0,):
+        for i in (-1, 0, 1) if tileable else (0,):
+            for j in (-1, 0, 1) if tileable else (0,):
                 at = x - p.origin[0] + i * size[0], y - p.origin[1] + j * size[1]
                 covered |= (at[0] >= 0) & (at[0] <= p.size[0]) & (at[1] >= 0) & (at[1] <= p.size[1])
     assert covered.all()
@@ -81,7 +81,7 @@ def test_patches_cover_the_output_and_levels_keep_scan_line_order(size, toroidal
     # A patch follows every earlier one whose box it can see.
     level = {number: k for k, numbers in enumerate(layout.levels) for number in numbers}
     assert sorted(level) == list(range(len(layout.places)))
-    shifts = [(i * size[0], j * size[1]) for i in (-1, 0, 1) for j in (-1, 0, 1)] if toroidal else [(0.0, 0.0)]
+    shifts = [(i * size[0], j * size[1]) for i in (-1, 0, 1) for j in (-1, 0, 1)] if tileable else [(0.0, 0.0)]
     for a in layout.places:
         for b in layout.places[: a.number]:
             meet = any(

@@ -105,7 +105,7 @@ def test_tiny_maps(shape):
         (np.zeros(3), np.zeros(3), "one shape"),
         (np.zeros((0, 3)), np.zeros((0, 3)), "one shape"),
         (np.full((3, 3), np.nan), np.zeros((3, 3)), "not finite"),
-        ("a", "b", "no arrays of numbers"),
+        ("a", "b", "not arrays of numbers"),
     ],
 )
 def test_bad_gradients(p, q, message):

@@ -22,7 +22,7 @@ from intaglio.parameterization.charts import (
     squared_stretches,
 )
 from intaglio.parameterization.embedding import embed_without_flips, intrinsic_weights, mean_value_weights, relax_stretch
-from intaglio.parameterization.pictures import area_by_view, checkerboard, figures, layout_picture
+from intaglio.parameterization.pictures import area_by_view, checkerboard, describe_parameterization, layout_picture
 from intaglio.parameterization.seams import cut_open
 
 
@@ -295,7 +295,7 @@ def test_pictures_and_figures():
     picture = layout_picture(found, 64)
     assert picture[0, 0].min() == pytest.approx(1)
     assert picture[32, 32].min() < 0.9
-    lines = figures(found, surface, (0, 0, 1))
+    lines = describe_parameterization(found, surface, (0, 0, 1))
     assert any("0 flipped" in line for line in lines)
     assert any("facing the view" in line for line in lines)
 

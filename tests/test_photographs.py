@@ -431,6 +431,7 @@ def test_a_camera_that_looks_away_is_left_out_with_a_warning():
         ({"size": 4}, "size"),
         ({"size": "large"}, "size"),
         ({"select": "all"}, "select"),
+        ({"background": None, "binding": True}, "binding must come"),
         ({"blend": "poisson"}, "blend"),
         ({"uv": np.full((642, 2), 3.0)}, "in \\[0, 1\\]"),
         ({"uv": np.zeros((5, 2))}, "uv must be"),
@@ -440,7 +441,7 @@ def test_a_camera_that_looks_away_is_left_out_with_a_warning():
 )
 def test_bad_arguments_are_named(ball, change, message):
     surface, laid, taken = ball
-    arguments = {"mesh": surface, "uv": laid, "photographs": taken, "size": 64, **change}
+    arguments = {"surface": surface, "uv": laid, "photographs": taken, "size": 64, **change}
     with pytest.raises(InputError, match=message):
         combine_photographs(**arguments)
 

@@ -12,7 +12,7 @@ import warnings
 
 import numpy as np
 
-from intaglio import GeometryTexture, IntaglioWarning, assess_geometry, extend_geometry
+from intaglio import GeometryTexture, IntaglioWarning, PatchFit, assess_geometry, extend_geometry
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.scenes.connections import broken_threads, closed_rings
 from intaglio.scenes.geometry_textures import brick_swatch, chain_mail_swatch, flowers_swatch, weave_swatch
@@ -38,11 +38,13 @@ def projection(texture: GeometryTexture) -> None:
         print(f"  {'along the normal' if along else 'quasi-orthogonal'}: {1e6 * seconds / len(at):.2f} microseconds a point")
 
 
-def row(name: str, texture: GeometryTexture, size: tuple[float, float], patch: float, repeats: int, **settings: str) -> None:
+def row(
+    name: str, texture: GeometryTexture, size: tuple[float, float], patch: float, repeats: int, fit: PatchFit | None = None
+) -> None:
     seconds = []
     for _ in range(repeats):
         start = time.perf_counter()
-        made = extend_geometry(texture, size, patch, seed=1, **settings)
+        made = extend_geometry(texture, size, patch, fit=fit, seed=1)
         seconds.append(time.perf_counter() - start)
     took = min(seconds)
     report = assess_geometry(made, texture)
@@ -72,7 +74,7 @@ def main() -> None:
     extend_geometry(mail, 8.0, 5.0)
     row("height field", brick_swatch(), (295.0, 295.0), 60.0, 3)
     row("weave", weave_swatch(), (17.0, 17.0), 3.9, 3)
-    row("flowers", flowers_swatch(), (13.5, 11.5), 3.2, 3, weights="flowers")
+    row("flowers", flowers_swatch(), (13.5, 11.5), 3.2, 3, PatchFit(weights="flowers"))
     for millions in (0.1, 0.2, 0.4, 1.0, args.large):
         side = np.sqrt(millions * 1e6 / 0.197e6 * 26 * 19.5)
         row(f"chain mail, {millions:g} million", mail, (side, side), 5.0, 3 if millions < 0.3 else 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.cli.masks import read_mask
-from intaglio.cli.options import Numbers, common, known_suffix, render_on, was_given
+from intaglio.cli.options import Numbers, common, grouped, known_suffix, render_on, was_given
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import READABLE_SUFFIXES, check_readable, check_writable, read_samples, write_samples
@@ -20,6 +21,7 @@ from intaglio.mesh import read_surface, used_vertices
 from intaglio.parameterization import BOUNDARIES, ENERGIES, parameterize
 from intaglio.photographs import (
     BACKGROUND_THRESHOLD,
+    GRAZING,
     TEXTURED_SUFFIXES,
     Photograph,
     bind_photographs,
@@ -34,6 +36,7 @@ from intaglio.photographs import (
 )
 from intaglio.progress import ProgressBar
 from intaglio.restoration import METHODS, write_restoration_report
+from intaglio.restoration import restore as restore_image
 
 # Of linear samples, to work on them as they look.
 _GAMMA = 2.4
@@ -42,26 +45,75 @@ _GAMMA = 2.4
 _WRITTEN = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
+@dataclass(frozen=True)
+class _Layout:
+    """How the surface is laid flat; see `intaglio.parameterize`."""
+
+    energy: str
+    boundary: str
+    view: tuple[float, ...] | None
+    importance: float
+    shape_threshold: float
+    max_stretch: float | None
+
+
+class _Background(click.ParamType):
+    """auto, none, or comma-separated numbers."""
+
+    name = "background"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...] | None:
+        """Return the word, None, or the colour."""
+        if value in ("auto", "none"):
+            return "auto" if value == "auto" else None
+        color: tuple[float, ...] = Numbers(3).convert(value, param, ctx)
+        return color
+
+
 @click.command(epilog="Example: intaglio texture scan.ply cameras.json -o textured.glb --size 4096 --report textured.html")
 @click.argument("mesh", type=click.Path(path_type=Path))
 @click.argument("cameras", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Textured mesh: .glb, .gltf or .obj.")
 @click.option("--images", type=click.Path(path_type=Path), default=None, help="Folder of the photographs.")
 @click.option("--size", type=click.IntRange(16, 16384), default=2048, show_default=True, help="Texels a side.")
-@click.option("--energy", type=click.Choice(ENERGIES), default="stretch", show_default=True, help="What the layout minimises.")
-@click.option("--boundary", type=click.Choice(BOUNDARIES), default="free", show_default=True, help="Border of the layout.")
-@click.option("--view", type=Numbers(3), default=None, help="x,y,z from the object to the eye: gets more of the texture.")
-@click.option("--importance", type=float, default=1.5, show_default=True, help="With --view: nearer to 1 is stronger.")
-@click.option("--shape-threshold", type=float, default=0.0, show_default=True, help="Least height over side of triangles.")
-@click.option("--max-stretch", type=float, default=None, help="Cut seams until the L2 stretch is below, say 1.15.")
-@click.option("--select", type=click.Choice(["best", "average"]), default="best", show_default=True, help="Per face.")
-@click.option("--blend", type=click.Choice(["spline", "none"]), default="spline", show_default=True, help="At borders.")
-@click.option("--exposure/--no-exposure", default=True, help="Factor out differences of exposure and white balance.")
-@click.option(
-    "--background", type=str, default="auto", show_default=True, help="auto, none, or r,g,b (linear) behind the object."
+@grouped(
+    "layout",
+    _Layout,
+    click.option(
+        "--energy", type=click.Choice(ENERGIES), default="stretch", show_default=True, help="What the layout minimises."
+    ),
+    click.option("--boundary", type=click.Choice(BOUNDARIES), default="free", show_default=True, help="Border of the layout."),
+    click.option("--view", type=Numbers(3), default=None, help="x,y,z from the object to the eye: gets more of the texture."),
+    click.option("--importance", type=float, default=1.5, show_default=True, help="With --view: nearer to 1 is stronger."),
+    click.option("--shape-threshold", type=float, default=0.0, show_default=True, help="Least height over side of triangles."),
+    click.option("--max-stretch", type=float, default=None, help="Cut seams until the L2 stretch is below, say 1.15."),
 )
-@click.option("--background-threshold", type=float, default=BACKGROUND_THRESHOLD, show_default=True)
-@click.option("--grazing", type=float, default=80.0, show_default=True, help="Degrees from the normal; no use beyond.")
+@grouped(
+    "mixing",
+    dict,
+    click.option("--select", type=click.Choice(["best", "average"]), default="best", show_default=True, help="Per face."),
+    click.option("--blend", type=click.Choice(["spline", "none"]), default="spline", show_default=True, help="At borders."),
+    click.option("--exposure/--no-exposure", default=True, help="Factor out differences of exposure and white balance."),
+)
+@grouped(
+    "seeing",
+    dict,
+    click.option(
+        "--background",
+        type=_Background(),
+        default="auto",
+        show_default=True,
+        help="auto, none, or r,g,b (linear) behind the object.",
+    ),
+    click.option(
+        "--background-threshold",
+        type=float,
+        default=BACKGROUND_THRESHOLD,
+        show_default=True,
+        help="Distance of display values within which a vertex is on the background.",
+    ),
+    click.option("--grazing", type=float, default=GRAZING, show_default=True, help="Degrees from the normal; no use beyond."),
+)
 @click.option("--restore", type=click.Choice([*METHODS, "none"]), default="split", show_default=True, help="What was not seen.")
 @click.option("--leave-out", multiple=True, help="Name of a photograph to compare with instead of using; may be repeated.")
 @click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
@@ -73,18 +125,9 @@ def texture(
     output: Path,
     images: Path | None,
     size: int,
-    energy: str,
-    boundary: str,
-    view: tuple[float, ...] | None,
-    importance: float,
-    shape_threshold: float,
-    max_stretch: float | None,
-    select: str,
-    blend: str,
-    exposure: bool,
-    background: str,
-    background_threshold: float,
-    grazing: float,
+    layout: _Layout,
+    mixing: dict[str, Any],
+    seeing: dict[str, Any],
     restore: str,
     leave_out: tuple[str, ...],
     repair: bool,
@@ -104,10 +147,9 @@ def texture(
         check_writable(report, inputs=(mesh, cameras, output))
         known_suffix(report, (".html", ".htm"), "report")
         render_on(device)
-    if was_given("importance") and view is None:
+    if was_given("importance") and layout.view is None:
         raise InputError("--importance says how much a view counts; give the view with --view")
     chosen = device_or_error(device)
-    behind: Any = _background(background)
     surface = read_surface(mesh, repair=repair)
     if repair:
         surface = surface.part(used_vertices(surface.faces, len(surface.vertices)))
@@ -128,52 +170,23 @@ def texture(
     start = time.perf_counter()
     try:
         with ProgressBar("laying the surface flat") as bar:
-            laid = parameterize(
-                surface,
-                energy,
-                boundary=boundary,
-                view=view,
-                importance=importance,
-                shape_threshold=shape_threshold,
-                max_stretch=max_stretch,
-                device=chosen,
-                progress=bar.update,
-            )
+            uv = parameterize(surface, **vars(layout), device=chosen, progress=bar.update)
     except InputError as problem:
         raise InputError(f"{mesh}: {problem}") from problem
-    for note in laid.notes:
+    for note in uv.notes:
         click.echo(f"  {note}", err=True)
     seconds = time.perf_counter() - start
-    click.echo(f"laid flat: L2 stretch {laid.l2_stretch:.4f}, {laid.charts} chart(s), {laid.flips} flips, {seconds:.1f} s")
+    click.echo(f"laid flat: L2 stretch {uv.l2_stretch:.4f}, {uv.charts} chart(s), {uv.flips} flips, {seconds:.1f} s")
     with ProgressBar("binding photographs") as bar:
-        binding = bind_photographs(
-            surface,
-            used,
-            background=behind,
-            background_threshold=background_threshold,
-            grazing=grazing,
-            device=chosen,
-            progress=bar.update,
-        )
+        binding = bind_photographs(surface, used, **seeing, device=chosen, progress=bar.update)
     with ProgressBar("sampling photographs") as bar:
-        made = combine_photographs(
-            surface,
-            laid,
-            used,
-            size,
-            select=select,
-            blend=blend,
-            exposure=exposure,
-            binding=binding,
-            device=chosen,
-            progress=bar.update,
-        )
+        made = combine_photographs(surface, uv, used, size, **mixing, binding=binding, device=chosen, progress=bar.update)
     for note in made.notes:
         click.echo(f"  {note}", err=True)
     if restore != "none":
         with ProgressBar("restoring what was not seen") as bar:
             made = restore_texture(made, restore, device=chosen, progress=bar.update)
-    written = write_textured(surface, laid, made, output)
+    written = write_textured(surface, uv, made, output)
     share = 100 * made.known.sum() / max(int(made.inside.sum()), 1)
     seconds = time.perf_counter() - start
     click.echo(
@@ -183,7 +196,7 @@ def texture(
     extra = []
     for photograph in (p for p in photographs if p.name in leave_out):
         try:
-            seen = compare_with_photograph(surface, laid, made.image, made.known, photograph, seed=seed)
+            seen = compare_with_photograph(surface, uv, made.image, made.known, photograph, seed=seed)
         except InputError as problem:
             click.echo(f"warning: {problem}", err=True)
             continue
@@ -192,8 +205,8 @@ def texture(
         extra.append(line)
     if report is not None:
         middle = (surface.vertices.min(axis=0) + surface.vertices.max(axis=0)) / 2
-        front = np.mean([p.camera.center for p in photographs], axis=0) - middle if view is None else view
-        write_texture_report(report, surface, laid, made, title=f"{mesh.name} textured", view=front, extra=extra)
+        front = np.mean([p.camera.center for p in photographs], axis=0) - middle if layout.view is None else layout.view
+        write_texture_report(report, surface, uv, made, title=f"{mesh.name} textured", view=front, extra=extra)
         click.echo(f"wrote {report}")
 
 
@@ -215,14 +228,6 @@ def _materials(mesh: Path) -> list[Path]:
     return found
 
 
-def _background(text: str) -> str | tuple[float, ...] | None:
-    if text == "auto":
-        return text
-    if text == "none":
-        return None
-    return tuple(Numbers(3).convert(text, None, click.get_current_context()))
-
-
 @click.command(epilog="Example: intaglio restore photograph.png scratches.png -o restored.png --report restored.html")
 @click.argument("image", type=click.Path(path_type=Path))
 @click.argument("mask", type=click.Path(path_type=Path))
@@ -230,12 +235,24 @@ def _background(text: str) -> str | tuple[float, ...] | None:
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write; PNG, TIFF or EXR keep all bits."
 )
 @click.option("--method", type=click.Choice(METHODS), default="split", show_default=True)
-@click.option("--kappa", type=click.IntRange(0, 512), default=None, help="Subbands of the low band; default chosen.")
-@click.option("--levels", type=click.IntRange(1, 6), default=3, show_default=True, help="Of the pyramid.")
-@click.option("--coherence", type=float, default=10.0, show_default=True, help="Weight of continuing what neighbours copy.")
-@click.option("--rotations", is_flag=True, help="Compare with turned and mirrored neighbourhoods, too.")
-@click.option("--refine", type=click.IntRange(0, 10), default=1, show_default=True, help="Passes of texture optimisation.")
-@click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: for split.")
+@grouped(
+    "synthesis",
+    dict,
+    click.option("--kappa", type=click.IntRange(0, 512), default=None, help="Subbands of the low band; default chosen."),
+    click.option("--levels", type=click.IntRange(1, 6), default=3, show_default=True, help="Of the pyramid."),
+    click.option(
+        "--coherence", type=float, default=10.0, show_default=True, help="Preference for continuing what neighbours copy."
+    ),
+    click.option(
+        "--orientations",
+        type=int,
+        default=1,
+        show_default=True,
+        help="8: compare with turned and mirrored neighbourhoods, too; 1: as they are.",
+    ),
+    click.option("--refine", type=click.IntRange(0, 10), default=1, show_default=True, help="Passes of texture optimisation."),
+    click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: for split."),
+)
 @click.option(
     "--barriers", type=click.Path(path_type=Path), default=None, help="Mask of pixels that colours don't spread across."
 )
@@ -247,12 +264,7 @@ def restore(
     mask: Path,
     output: Path,
     method: str,
-    kappa: int | None,
-    levels: int,
-    coherence: float,
-    rotations: bool,
-    refine: int,
-    seams: bool | None,
+    synthesis: dict[str, Any],
     barriers: Path | None,
     invert: bool,
     report: Path | None,
@@ -262,7 +274,7 @@ def restore(
     """Fill what is missing of IMAGE: the bright pixels of MASK (half of its range and more).
 
     Structure is diffused from around, detail synthesised from the known part. Known pixels keep their bits. Where the image has
-    alpha, fully transparent pixels are no part of it; restored pixels are opaque.
+    alpha, fully transparent pixels do not belong to it; restored pixels are opaque.
     """
     inputs = (image, mask) if barriers is None else (image, mask, barriers)
     check_writable(output, inputs=inputs)
@@ -271,9 +283,9 @@ def restore(
         check_writable(report, inputs=(*inputs, output))
         known_suffix(report, (".html", ".htm"), "report")
     if method == "inpaint":
-        given = [n for n in ("kappa", "levels", "coherence", "rotations", "refine") if was_given(n)]
+        given = [n for n in ("kappa", "levels", "coherence", "orientations", "refine") if was_given(n)]
         if given:
-            raise InputError(f"--{given[0]} is for synthesis; --method inpaint has none")
+            raise InputError(f"--{given[0]} is for synthesis, which --method inpaint does without")
     if method == "synthesize" and was_given("kappa"):
         raise InputError("--kappa is for --method split; synthesis alone has no low band")
     known_suffix(image, READABLE_SUFFIXES, "image")
@@ -287,16 +299,11 @@ def restore(
     start = time.perf_counter()
     try:
         with ProgressBar("restoring") as bar:
-            found = restore(
+            found = restore_image(
                 _as_seen(colors),
                 missing,
                 method,
-                kappa=kappa,
-                levels=levels,
-                coherence=coherence,
-                rotations=rotations,
-                refine=refine,
-                seams=seams,
+                **synthesis,
                 barriers=walls,
                 inside=inside,
                 device=device,

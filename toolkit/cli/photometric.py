@@ -80,16 +80,20 @@ def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
 @click.command(epilog="Example: intaglio represent capture.lp -o texture.exr --kind rbf --maps maps")
 @click.argument("capture", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help=".exr, .ptm, info.json (web) or .glb.")
-@click.option("--kind", default="rbf", show_default=True, help=f"One of {', '.join(KINDS)}.")
-@click.option("--color", type=click.Choice(["channels", "luminance"]), default="channels", show_default=True)
-@click.option("--robust", is_flag=True, help="gradient, height: leave out shadows and highlights.")
-@click.option("--order", type=int, default=3, show_default=True, help="hsh: 2 (4 maps) or 3 (9 maps).")
-@click.option("--interpolation", type=click.Choice(["auto", "grid", "triangles"]), default="auto", show_default=True)
-@click.option("--components", type=int, default=None, help="rbf: number of maps; default by cross-validation.")
-@click.option("--smoothing", type=float, default=None, help="rbf: 0 passes through all images; default by cross-validation.")
-@click.option("--integration", type=click.Choice(["fourier", "cosine"]), default="fourier", show_default=True, help="height.")
-@click.option(
-    "--differentiation", type=click.Choice(["fourier", "forward"]), default="fourier", show_default=True, help="height."
+@grouped(
+    "fit",
+    dict,
+    click.option("--kind", default="rbf", show_default=True, help=f"One of {', '.join(KINDS)}."),
+    click.option("--color", type=click.Choice(["channels", "luminance"]), default="channels", show_default=True),
+    click.option("--robust", is_flag=True, help="gradient, height: leave out shadows and highlights."),
+    click.option("--order", type=int, default=3, show_default=True, help="hsh: 2 (4 maps) or 3 (9 maps)."),
+    click.option("--interpolation", type=click.Choice(["auto", "grid", "triangles"]), default="auto", show_default=True),
+    click.option("--components", type=int, default=None, help="rbf: number of maps; default by cross-validation."),
+    click.option("--smoothing", type=float, default=None, help="rbf: 0 passes through all images; default by cross-validation."),
+    click.option("--integration", type=click.Choice(["fourier", "cosine"]), default="fourier", show_default=True, help="height."),
+    click.option(
+        "--differentiation", type=click.Choice(["fourier", "forward"]), default="fourier", show_default=True, help="height."
+    ),
 )
 @click.option("--maps", type=click.Path(path_type=Path), default=None, help="Folder for normal, albedo and height images.")
 @click.option("--tiles", is_flag=True, help="info.json: Deep Zoom tiles instead of whole planes.")
@@ -101,8 +105,9 @@ def represent(
     reading: StackReading,
     maps: Path | None,
     tiles: bool,
+    fit: dict[str, Any],
     seed: int,
-    **settings: Any,
+    device: str | None,
 ) -> None:
     """Fit a relightable texture to CAPTURE: an .lp file, a lights.csv, or the folder of a stack of lit photographs."""
     known_suffix(output, TEXTURE_SUFFIXES, "texture")
@@ -117,7 +122,7 @@ def represent(
     check_writable(output, inputs=tuple(inputs))
     spare_inputs(inputs, output, maps)
     with ProgressBar("fitting") as bar:
-        texture = represent_stack(stack, progress=bar.update, **settings)
+        texture = represent_stack(stack, device=device, progress=bar.update, **fit)
     for note in stack.notes + texture.notes:
         click.echo(f"  {note}", err=True)
     if output.suffix.lower() == ".json":

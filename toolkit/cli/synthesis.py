@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.cli.facts import is_texture
-from intaglio.cli.options import common, image_size, known_suffix, was_given
-from intaglio.cli.photometric import read_capture, spare_inputs, stack_options
+from intaglio.cli.options import common, grouped, image_size, known_suffix, was_given
+from intaglio.cli.photometric import StackReading, spare_inputs, stack_options
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import (
@@ -43,9 +44,11 @@ from intaglio.progress import ProgressBar
 from intaglio.synthesis import (
     CONTINUATIONS,
     CUTS,
-    METHODS,
     METRICS,
     THESIS_LIGHTS,
+    GrowOptions,
+    Match,
+    QuiltOptions,
     Synthesis,
     assess_synthesis,
     friedman,
@@ -62,21 +65,38 @@ from intaglio.synthesis import synthesize as synthesize_texture
 SOURCE = "source.exr"
 
 # Options that only one method has.
-_OWN = {
-    "quilt": ("block", "overlap", "tolerance", "cut", "continuation", "refine"),
-    "grow": ("window", "levels", "exhaustive"),
-}
-
+_OWN = {"quilt": tuple(f.name for f in fields(QuiltOptions)), "grow": tuple(f.name for f in fields(GrowOptions))}
 
 # Options that only photographs under known lights have.
 _OF_PHOTOGRAPHS = ("kind", "color", "robust", "response", "sphere", "circle", "grey")
 
 
 def _for_photographs(names: tuple[str, ...]) -> None:
-    """Raise `InputError` if one of the options was given, to what is no stack of photographs."""
+    """Raise `InputError` if one of the options was given for a sample that is not a stack of photographs."""
     for name in names:
         if was_given(name):
-            raise InputError(f"--{name} is for photographs under known lights; the sample is none")
+            raise InputError(f"--{name} is for photographs under known lights, which the sample is not")
+
+
+class _Block(click.ParamType):
+    """auto, or a number of pixels."""
+
+    name = "block"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | int:
+        """Return the word or the number."""
+        if value != "auto" and not re.fullmatch("[0-9]{1,6}", str(value)):
+            self.fail(f"{value!r} is neither a number of pixels nor auto", param, ctx)
+        return "auto" if value == "auto" else int(value)
+
+
+@dataclass(frozen=True)
+class _Representation:
+    """How photographs under known lights are represented; see `intaglio.represent`."""
+
+    kind: str
+    color: str
+    robust: bool
 
 
 class _Images:
@@ -119,7 +139,7 @@ class _Images:
         self.values = np.concatenate(values, axis=2)
         self.compared = np.concatenate(compared, axis=2)
 
-    def written(self, maps: Array, number: int, path: Path) -> None:
+    def write(self, maps: Array, number: int, path: Path) -> None:
         """Write one image's part of ``maps`` with the bits it had."""
         first = sum(self.channels[:number])
         image = maps[:, :, first : first + self.channels[number]]
@@ -133,25 +153,37 @@ class _Images:
     "-o", "--output", required=True, type=click.Path(path_type=Path), help="Image, texture, or folder for several maps."
 )
 @click.option("--size", required=True, help="WIDTHxHEIGHT in pixels.")
-@click.option("--method", type=click.Choice(sorted(METHODS)), default="quilt", show_default=True, help="By blocks or by pixels.")
-@click.option("--kind", default="gradient", show_default=True, help=f"Of photographs: one of {', '.join(KINDS)}.")
-@click.option("--color", type=click.Choice(["channels", "luminance"]), default="channels", show_default=True)
-@click.option("--robust", is_flag=True, help="Of photographs: shadows and highlights don't bend normals (gradient, height).")
-@click.option("--block", default="auto", show_default=True, help="quilt: side of a block in pixels, or auto.")
-@click.option("--overlap", type=int, default=None, help="quilt: of blocks, in pixels; default a third of the block.")
-@click.option("--tolerance", type=float, default=0.1, show_default=True, help="quilt: choose within this share of the best.")
-@click.option("--cut", type=click.Choice(CUTS), default="path", show_default=True, help="quilt: boundary between blocks.")
-@click.option(
-    "--continuation",
-    type=click.Choice(CONTINUATIONS),
-    default="shortcut",
-    show_default=True,
-    help="quilt: where the sample itself goes on.",
+@click.option("--method", type=click.Choice(sorted(_OWN)), default="quilt", show_default=True, help="By blocks or by pixels.")
+@grouped(
+    "representation",
+    _Representation,
+    click.option("--kind", default="gradient", show_default=True, help=f"Of photographs: one of {', '.join(KINDS)}."),
+    click.option("--color", type=click.Choice(["channels", "luminance"]), default="channels", show_default=True),
+    click.option("--robust", is_flag=True, help="Of photographs: shadows and highlights don't bend normals (gradient, height)."),
 )
-@click.option("--refine", type=int, default=2, show_default=True, help="quilt: passes that remove seams; 0: none.")
-@click.option("--window", type=int, default=5, show_default=True, help="grow: side of the neighbourhood, odd.")
-@click.option("--levels", type=int, default=None, help="grow: of the pyramid; default by the sample's size.")
-@click.option("--exhaustive", type=float, default=1.0, show_default=True, help="grow: share of pixels that are searched for.")
+@grouped(
+    "blocks",
+    QuiltOptions,
+    click.option("--block", type=_Block(), default="auto", show_default=True, help="quilt: side of a block in pixels, or auto."),
+    click.option("--overlap", type=int, default=None, help="quilt: of blocks, in pixels; default a third of the block."),
+    click.option("--tolerance", type=float, default=0.1, show_default=True, help="quilt: choose within this share of the best."),
+    click.option("--cut", type=click.Choice(CUTS), default="path", show_default=True, help="quilt: boundary between blocks."),
+    click.option(
+        "--continuation",
+        type=click.Choice(CONTINUATIONS),
+        default="shortcut",
+        show_default=True,
+        help="quilt: where the sample itself continues.",
+    ),
+    click.option("--refine", type=int, default=2, show_default=True, help="quilt: passes that remove seams; 0: none."),
+)
+@grouped(
+    "pixels",
+    GrowOptions,
+    click.option("--window", type=int, default=2, show_default=True, help="grow: radius of the neighbourhood in pixels."),
+    click.option("--levels", type=int, default=None, help="grow: of the pyramid; default by the sample's size."),
+    click.option("--exhaustive", type=float, default=1.0, show_default=True, help="grow: share of pixels that are searched for."),
+)
 @click.option("--metric", type=click.Choice(METRICS), default="absolute", show_default=True, help="Of differences.")
 @click.option("--tileable", is_flag=True, help="The result wraps around without a seam.")
 @click.option("--maps", type=click.Path(path_type=Path), default=None, help="Folder for normal, albedo and height maps (PBR).")
@@ -164,18 +196,17 @@ def synthesize(
     output: Path,
     size: str,
     method: str,
-    kind: str,
-    color: str,
-    robust: bool,
+    representation: _Representation,
+    blocks: QuiltOptions,
+    pixels: GrowOptions,
+    metric: str,
+    tileable: bool,
     maps: Path | None,
     report: Path | None,
     source: bool,
-    response: str | None,
-    mask: Path | None,
-    sphere: Path | None,
-    circle: tuple[float, float, float] | None,
-    grey: bool,
-    **settings: Any,
+    reading: StackReading,
+    seed: int,
+    device: str | None,
 ) -> None:
     """Make a larger texture of SAMPLES.
 
@@ -188,36 +219,46 @@ def synthesize(
         for name in _OWN[other]:
             if was_given(name):
                 raise InputError(f"--{name} is for --method {other}")
-            settings.pop(name)
-    if method == "quilt" and settings["block"] != "auto":
-        if not re.fullmatch("[0-9]{1,6}", str(settings["block"])):
-            raise InputError(f"--block {settings['block']!r} is neither a number of pixels nor auto")
-        settings["block"] = int(settings["block"])
-    device_or_error(settings["device"])
+    device_or_error(device)
     if report is not None:
         known_suffix(report, (".html", ".htm"), "report")
     first = samples[0]
     for path in samples:
         if not os.path.isdir(path):
             check_readable(path)
-    inputs = [*samples, *([mask] if mask is not None else [])]
+    inputs = [*samples, *([reading.mask] if reading.mask is not None else [])]
     several = len(samples) > 1
     where = (output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")) if source else None
     others = [path for path in (where, report) if path is not None]
     start = time.perf_counter()
-    settings |= {"size": (height, width), "method": method}
+    options = blocks if method == "quilt" else pixels
+
+    def make(sample: Any, match: Match, usable: Array | None) -> Synthesis:
+        with ProgressBar("synthesising") as bar:
+            return synthesize_texture(
+                sample,
+                (height, width),
+                options,
+                tileable=tileable,
+                mask=usable,
+                match=match,
+                seed=seed,
+                device=device,
+                progress=bar.update,
+            )
+
     if not several and (os.path.isdir(first) or first.suffix.lower() in STACK_SUFFIXES or is_texture(first)):
         known_suffix(output, TEXTURE_SUFFIXES, "texture")
         _check_outputs([output, *others], inputs)
         if maps is not None:
             check_folder(maps)
-        texture, inputs = _texture(first, kind, color, robust, response, mask, sphere, circle, grey, settings["device"])
+        texture, inputs = _read_relightable_sample(first, representation, reading, device)
         _check_outputs([output, *others], inputs)
         spare_inputs(inputs, output, maps)
         given: Any = texture
         compared: Any = texture
         usable = None
-        result = _made(texture, settings)
+        result = make(texture, Match(metric=metric), usable)
         assert result.texture is not None
         write_relightable(result.texture, output)
         written = [output] + (write_maps(result.texture, maps) if maps is not None else [])
@@ -228,8 +269,8 @@ def synthesize(
         _check_outputs(_image_outputs(samples, output, source) + others, inputs)
         images = _Images(samples)
         given, compared = images.values, images.compared
-        usable = _usable(images, mask)
-        result = _made(images.values, settings | {"match": compared, "mask": usable})
+        usable = _usable_pixels(images, reading.mask)
+        result = make(given, Match(compared, metric=metric), usable)
         written = _write_images(images, result, output)
     if where is not None:
         write_source(result, where)
@@ -247,33 +288,19 @@ def synthesize(
         click.echo(f"wrote {report}")
 
 
-def _texture(
-    first: Path,
-    kind: str,
-    color: str,
-    robust: bool,
-    response: str | None,
-    mask: Path | None,
-    sphere: Path | None,
-    circle: tuple[float, float, float] | None,
-    grey: bool,
-    device: str | None,
+def _read_relightable_sample(
+    first: Path, representation: _Representation, reading: StackReading, device: str | None
 ) -> tuple[Relightable, list[Path]]:
     """Return the relightable sample, and the files it came from."""
     if not os.path.isdir(first) and first.suffix.lower() not in STACK_SUFFIXES:
         _for_photographs((*_OF_PHOTOGRAPHS, "mask"))
         return read_relightable(first), [first]
-    stack = read_capture(first, response, mask, sphere, circle, grey)
+    stack = reading.read(first)
     with ProgressBar("fitting") as bar:
-        texture = represent(stack, kind, color=color, robust=robust, device=device, progress=bar.update)
+        texture = represent(stack, **vars(representation), device=device, progress=bar.update)
     for note in stack.notes + texture.notes:
         click.echo(f"  {note}", err=True)
-    return texture, [first, *map(Path, stack.names), *([mask] if mask is not None else [])]
-
-
-def _made(sample: Any, settings: dict[str, Any]) -> Synthesis:
-    with ProgressBar("synthesising") as bar:
-        return synthesize_texture(sample, progress=bar.update, **settings)
+    return texture, reading.inputs(first, stack)
 
 
 def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
@@ -310,7 +337,7 @@ def _image_name(path: Path) -> str:
     return path.name if path.suffix.lower() in (".png", ".tif", ".tiff", ".exr") else f"{path.stem}.png"
 
 
-def _usable(images: _Images, mask: Path | None) -> Array | None:
+def _usable_pixels(images: _Images, mask: Path | None) -> Array | None:
     """Return pixels that may be used: opaque ones, inside the mask."""
     if mask is None:
         if images.opaque is not None and not images.opaque.any():
@@ -330,12 +357,12 @@ def _usable(images: _Images, mask: Path | None) -> Array | None:
 
 def _write_images(images: _Images, result: Synthesis, output: Path) -> list[Path]:
     if len(images.paths) == 1:
-        images.written(result.maps, 0, output)
+        images.write(result.maps, 0, output)
         return [output]
     names = [_image_name(path) for path in images.paths]
     with whole_folder(output) as beside:
         for number, name in enumerate(names):
-            images.written(result.maps, number, beside / name)
+            images.write(result.maps, number, beside / name)
     return [output / name for name in names]
 
 

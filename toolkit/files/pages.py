@@ -62,5 +62,6 @@ def inline_image(image: Array) -> str:
 
     buffer = io.BytesIO()
     plane = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
-    Image.fromarray(np.round(encode_srgb(plane) * 255).astype(np.uint8)).save(buffer, "PNG", optimize=True)
+    # Level 9 takes six times as long, for 6 % less.
+    Image.fromarray(np.round(encode_srgb(plane) * 255).astype(np.uint8)).save(buffer, "PNG", compress_level=7)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

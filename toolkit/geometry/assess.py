@@ -18,17 +18,17 @@ from intaglio.geometry.swatch import SUPPORT
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps
 
-# Neighbours of one surface have normals this alike (cosine).
+# Least cosine between the normals of neighbours on one surface.
 _ALIKE = 0.7
-# Of a usual distance of nearest neighbours: what counts as a hole, and as an open border rather than a hole.
+# Widths, in usual distances of nearest neighbours, from which a gap counts as a hole and as an open border.
 _HOLE, _BORDER = 3.0, 8.0
-# Fewer points are not measured.
+# The fewest points that can be measured.
 FEWEST = 32
 
 
 @dataclass(frozen=True)
 class GeometryReport:
-    """Figures of an extended geometry texture.
+    """Measures of an extended geometry texture.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class GeometryReport:
     moved: float
 
     def lines(self) -> list[str]:
-        """Return the figures in words."""
+        """Return the measures as text, line by line."""
         lines = [
             f"{self.points} points; nearest neighbours {self.nearest:.3f} of the swatch's median, EMD {self.nearest_emd:.3f}",
             f"beside a hole wider than {_HOLE:g} distances: {100 * self.holes:.3f} % of points "
@@ -83,17 +83,35 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     Parameters
     ----------
     points : PointSet
-        Of `extend_geometry`.
+        From `extend_geometry`, at least 32 points.
     texture : GeometryTexture
+        The swatch from which they were made.
     device : str, optional
+        Where distances are computed, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
+
+    Returns
+    -------
+    GeometryReport
+        Measures of spread, holes, normals, patch borders and moves.
 
     Raises
     ------
     InputError
-        If there are too few points.
+        If an argument is of the wrong type, there are too few points, or the device does not exist.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:24, :24]
+    >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+    >>> larger = intaglio.extend_geometry(swatch, 32, device="cpu")
+    >>> report = intaglio.assess_geometry(larger, swatch, device="cpu")
+    >>> 0.5 < report.nearest < 2, report.points == len(larger)
+    (True, True)
     """
     device = device_or_error(device)
-    checked_points(points)
+    checked_points("points", points)
     if not isinstance(texture, GeometryTexture):
         raise InputError(f"texture must be a GeometryTexture, not {type(texture).__name__}")
     if len(points) < FEWEST:
@@ -117,7 +135,7 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     return GeometryReport(
         points=len(points),
         nearest=float(np.median(distance)) / usual,
-        # Not in standard deviations, as elsewhere: on a lattice there are none.
+        # Not in standard deviations, as elsewhere, since these are zero on a lattice.
         nearest_emd=float(wasserstein_distance(distance, swatch)) / usual,
         holes=float((width > 0).mean()),
         swatch_holes=float((gaps(of_swatch, _HOLE * usual, _BORDER * usual)[1] > 0).mean()),

@@ -1,4 +1,4 @@
-"""Growing sets of points in a hashed regular grid of buckets: what lies in a box is found, removed and added quickly."""
+"""Growing sets of points in a hashed regular grid of buckets: points in a box are found, removed and added quickly."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 
-# What is known of every point: place and normal in the swatch's frame, Pauly's surface variation, the swatch point it comes
+# The record of a point: position and normal in the swatch's frame, Pauly's surface variation, the swatch point it comes
 # from, how far warp and blending moved it, and the patch that laid it.
 RECORD = np.dtype(
     [("point", "f8", 3), ("normal", "f4", 3), ("variation", "f4"), ("source", "i4"), ("moved", "f4"), ("patch", "i4")],

@@ -54,7 +54,7 @@ def cluster(points: Array, group: Array, *, largest: Array, smallest: Array, fla
         within = split[label]
         along = ((points[within] - centroid[label[within]]) * vectors[label[within], :, 2]).sum(axis=1)
         above[within] = along > 0
-        # Points that all lie on one side of their centroid by rounding alone are left together.
+        # Points that rounding puts on one side of their centroid are not split.
         parts = np.bincount(label[above], minlength=len(split))
         split &= (parts > 0) & (parts < sizes)
         above &= split[label]

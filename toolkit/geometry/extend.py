@@ -17,10 +17,10 @@ from intaglio.geometry.spreading import spread
 from intaglio.geometry.swatch import Swatch
 from intaglio.randomness import checked_seed
 
-# More points than this are not attempted: they would need more memory than a workstation has.
+# The most points and nodes of a field; more would need more memory than a workstation has.
 _MOST_POINTS = 200_000_000
 _MOST_NODES = 50_000_000
-# In distances of samples; smaller ones hold no surface to be matched.
+# Least side of a patch in distances of samples; smaller ones hold too little surface to be matched.
 _LEAST_PATCH = 6
 
 

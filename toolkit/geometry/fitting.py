@@ -1,4 +1,4 @@
-"""Patches made to fit what is there: pairing, warp and blending (Duranleau & Poulin, sections 5.2 and 5.3)."""
+"""Fitting patches to existing geometry: pairing, warp and blending (Duranleau & Poulin, sections 5.2 and 5.3)."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from intaglio.kernels.pairing import PairCosts, Targets, pair_points
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.splines import warp_points
 
-# Surface variation up to which a cluster of targets is left whole.
+# Surface variation up to which a cluster of targets is not split.
 _FLATNESS = 0.03
-# A Jacobian's determinant below this folds the surface or is about to.
+# Determinant of the Jacobian below which the surface counts as folded.
 _FOLDED = 0.1
-# A fold halves the pairs so often before the patch is only shifted.
+# The number of times that a fold halves the pairs before the patch is only shifted.
 _HALVINGS = 2
-# Fewer pairs make no spline.
+# The fewest pairs that determine a spline.
 _LEAST_PAIRS = 4
 
 
@@ -54,7 +54,7 @@ class PatchFitter:
     def fit(
         self, places: list[PatchPlace], begins: list[Array], old: list[Array], surface: PointSurface, new: list[Array]
     ) -> list[Array]:
-        """Return the records that take the place of each patch's box.
+        """Return the records that replace those in the box of each patch.
 
         Parameters
         ----------
@@ -62,7 +62,7 @@ class PatchFitter:
         begins : list of (2,) arrays
             Where in the swatch each patch begins.
         old, new : lists of arrays of RECORD
-            What is there, and the patch as copied, for each patch, from its lower left corner.
+            For each patch, the records that are already there, and the copied ones, relative to its lower left corner.
         surface : PointSurface
             Of ``old``, a group for each patch.
         """
@@ -70,7 +70,7 @@ class PatchFitter:
         together = np.concatenate(new)
         if self.settings.fit.warp:
             paired = self._pair(places, begins, old)
-            # What no pair's move could bring into the box need not be warped.
+            # Points that no pair could move into the box need not be warped.
             farthest = [float(np.linalg.norm(t - s, axis=1).max(initial=0)) for s, t in paired]
             near = self._near_box(places, together["point"], group, np.array(farthest) + self.swatch.spacing)
             together, group = together[near], group[near]
@@ -88,15 +88,15 @@ class PatchFitter:
         return [np.concatenate([together[keep & (group == b)], kept[b]]) for b in range(len(places))]
 
     def _pair(self, places: list[PatchPlace], begins: list[Array], old: list[Array]) -> list[tuple[Array, Array]]:
-        """Return sources and targets of each patch's pairs, from its lower left corner."""
+        """Return sources and targets of the pairs of each patch, relative to its lower left corner."""
         targets = self._targets(places, begins, old)
         records = self.swatch.records
         chosen = pair_points(self.swatch.surface, records["variation"], targets, self._costs, self.settings.fit.rounds)
         paired = np.flatnonzero(chosen >= 0)
         group = np.repeat(np.arange(len(places)), np.diff(targets.first))[paired]
         source, target = records["point"][chosen[paired]], targets.points[paired].astype(np.float64)
-        # Samples of two surfaces don't fall on one another: the mean move of the pairs near a target is followed instead
-        # of its own, and ends on the surface, not on a sample of it.
+        # The samples of two surfaces don't coincide. So each target follows the mean move of the pairs near it rather than
+        # its own, and the move ends on the surface rather than on a sample.
         begun = target.copy()
         for b in range(len(places)):
             mine = group == b
@@ -120,7 +120,7 @@ class PatchFitter:
         return Targets(point, picked["normal"], picked["variation"], first)
 
     def _warp(self, places: list[PatchPlace], paired: list[tuple[Array, Array]], new: Array, group: Array) -> Array:
-        """Warp ``new`` by the splines of the pairs; where that would fold the surface, by those of fewer pairs."""
+        """Warp ``new`` by the splines of the pairs, or of fewer pairs where that would fold the surface."""
         todo = np.arange(len(places))
         out = new.copy()
         for attempt in range(_HALVINGS + 2):
@@ -141,17 +141,17 @@ class PatchFitter:
                 break
             for b in todo:
                 sources, targets = paired[b]
-                # In the end too few for a spline: these only shift the patch by their mean.
+                # In the last attempt too few for a spline: they only shift the patch by their mean.
                 share = 0.5 if attempt < _HALVINGS else (_LEAST_PAIRS - 1) / max(len(sources), _LEAST_PAIRS)
                 keep = most_coherent(sources, targets, self.settings.overlap / 2, share)
                 paired[b] = sources[keep], targets[keep]
         return out
 
     def _add_anchors(self, place: PatchPlace, sources: Array, targets: Array) -> tuple[Array, Array]:
-        """Return the pairs, with pairs that hold the free corners where the overlap's mean move puts them.
+        """Return the pairs, with additional ones by which the free corners follow the mean move of the overlap.
 
-        The paper's corners map to themselves; with patches found to the nearest node that would stretch every patch by up
-        to half a cell.
+        In section 5.2 the corners stay in place; patches are found to the nearest node only, so that would stretch every
+        patch by up to half a cell.
         """
         if len(sources) < _LEAST_PAIRS:
             return sources, targets
@@ -170,10 +170,9 @@ class PatchFitter:
     def _blend(
         self, places: list[PatchPlace], old: list[Array], surface: PointSurface, new: Array, group: Array
     ) -> tuple[Array, list[Array]]:
-        """Draw ``new`` towards the surface that is there; return which points stay, and which old ones stay with them.
+        """Move ``new`` towards the existing surface; return which of its points stay, and the existing records that stay.
 
-        What has no counterpart is cut where both count the same: of the patch nothing stays beyond there, of what is there
-        nothing on this side.
+        Geometry without a counterpart is cut where both surfaces have the same weight: each stays on its own side only.
         """
         share = np.zeros(len(new))
         for b, place in enumerate(places):
@@ -196,7 +195,7 @@ class PatchFitter:
         return keep, kept
 
     def _find_unmatched(self, places: list[PatchPlace], old: list[Array], new: Array, group: Array, reach: float) -> list[Array]:
-        """Return what is there, in the half of the overlap that is nearer to it, and has no counterpart in the patch."""
+        """Return the existing records, on their half of the overlap, that have no counterpart in the patch."""
         warped = PointSurface(new["point"], new["normal"], reach, group=group, device=self.swatch.device)
         asked = []
         for place, records in zip(places, old, strict=True):

@@ -14,12 +14,12 @@ from intaglio.kernels.distance_fields import Overlaps, PatchSearch, candidates, 
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.randomness import Stream, uniform
 
-# Patches worked on at once; bounds memory.
+# The most patches that are processed together, to bound memory.
 _AT_ONCE = 32
-# A patch of fewer nodes a side is not divided further.
+# The fewest nodes along a side of a patch that is divided.
 _FEWEST_NODES = 6
-# Places of so many patches without a candidate are told.
-_TOLD = 10
+# The most patches without a candidate whose positions the notes list.
+_LISTED = 10
 
 
 class Growth:
@@ -47,9 +47,9 @@ class Growth:
         side = float(settings.patch.min()) / 4
         self._out = Buckets(side, layout.period)
         self._sample = swatch.buckets(side)
-        # Within the height of the bounds of every node of a height field there is surface.
+        # Every node of a height field has surface within the height of the bounds.
         self._reach = max(swatch.height, 2 * swatch.support)
-        # Distances count against unit gradients in half the height.
+        # Distances in units of half the height are compared with unit gradients.
         self._scale = 2 / max(swatch.height, 4 * swatch.support)
         field = swatch.field(settings.cell, self._reach)
         field[..., 0] *= self._scale
@@ -64,7 +64,7 @@ class Growth:
             for begin in range(0, len(level), _AT_ONCE):
                 part = [self.layout.places[k] for k in level[begin : begin + _AT_ONCE]]
                 for place in self._lay(part, divide=True):
-                    # Where nothing in the swatch fits, smaller patches may.
+                    # Smaller patches may fit where a larger one does not.
                     for quarter in place.quarters():
                         self._lay([quarter], divide=False)
                 done += len(part)
@@ -72,11 +72,11 @@ class Growth:
                     progress(done, total)
 
     def records(self) -> Array:
-        """Return all that was laid, in the frame of the swatch and of the layout's plane."""
+        """Return all records, in the frame of the swatch and of the layout's plane."""
         return self._out.everything()
 
     def _lay(self, places: list[PatchPlace], *, divide: bool) -> list[PatchPlace]:
-        """Lay patches that don't touch; return those for which nothing in the swatch is near enough."""
+        """Lay patches that don't touch; return those for which the swatch has no candidate."""
         old = [self._out.inside(p.low - self._margin, p.high + self._margin) for p in places]
         for records, place in zip(old, places, strict=True):
             records["point"][:, :2] -= place.origin
@@ -100,11 +100,11 @@ class Growth:
         return []
 
     def _note_misfit(self, place: PatchPlace, error: float, divided: bool) -> None:
-        """Note where no candidate was found, up to a number that is still read."""
+        """Note where no candidate was found; beyond a readable number, only how often."""
         self._poor += 1
-        if self._poor > _TOLD:
-            rest = f"{self._poor - _TOLD} more patches found no candidate"
-            self.notes[-1:] = [rest] if self._poor > _TOLD + 1 else [self.notes[-1], rest]
+        if self._poor > _LISTED:
+            rest = f"{self._poor - _LISTED} more patches found no candidate"
+            self.notes[-1:] = [rest] if self._poor > _LISTED + 1 else [self.notes[-1], rest]
             return
         where = place.origin + place.size / 2
         what = "four smaller ones were put there" if divided else "the best was taken"
@@ -144,7 +144,7 @@ class Growth:
         begins, errors = [], np.zeros(len(places))
         for b, place in enumerate(places):
             allowed = candidates(distance[b], self.settings.tolerance)
-            # Quarters of a patch share its number; their places tell them apart.
+            # The quarters of a patch share its number and differ in their part.
             pick = uniform(self.seed, Stream.GEOMETRY_PATCH, place.number, place.part)
             index = allowed[int(pick * len(allowed))]
             begins.append(np.array(np.unravel_index(index, positions)) * cell)

@@ -1,4 +1,4 @@
-"""Where patches go: scan-line order, overlaps, and which of them can be made at the same time."""
+"""Positions of patches: scan-line order, overlaps, and which of them can be made at the same time."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class PatchPlace:
             for axis, far in ((0, column), (1, row)):
                 before, after = self.overlap[axis], self.overlap[axis + 2]
                 overlap[axis] = max(share, before - step[axis]) if far else min(before, half[axis])
-                # What reaches in from the other side may reach past the middle.
+                # The overlap from the other side may extend past the middle.
                 overlap[axis + 2] = min(after, half[axis]) if far else max(0.0, after - step[axis])
                 extra[axis] = 0.0 if far else self.extra[axis]
                 inner = max(0.0, step[axis] - after) if after > 0 else step[axis]
@@ -144,7 +144,7 @@ class Layout:
 
 
 def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: float, *, tileable: bool) -> Layout:
-    """Return the patches that cover ``size``, evenly spread so that they end where it ends; overlaps are at least ``overlap``.
+    """Return the patches that cover ``size``, evenly spaced so that the last ones end with it; overlaps are at least ``overlap``.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def lay_out(size: Array, patch: Array, overlap: float, extra: float, margin: flo
         overlaps = np.array([over[0] if column else 0.0, over[1] if row else 0.0, 0.0, 0.0])
         extras = np.array([0.0, 0.0, extra, extra])
         if tileable:
-            # Past the period lies what the first column and row laid; nothing of that is replaced but by overlapping it.
+            # Past the period is the geometry of the first column and row, which is overlapped but not replaced.
             room = length - (origin + patch)
             overlaps[2:] = np.maximum(-room, 0)
             extras = np.array([extra if column == 0 else 0.0, extra if row == 0 else 0.0, *np.clip(room, 0, extra)])

@@ -22,11 +22,11 @@ from intaglio.mesh import Surface, border_edges, pieces
 _MOST_NODES = 150_000_000
 # Nodes this many cells, and this many distances of samples, from a sample get a distance of their own.
 _BAND, _COVER = 2, 1.5
-# A cell of more distances of samples loses what is thin.
+# The largest cell in distances of samples; larger ones lose thin parts.
 _COARSE = 2.0
 # In distances of samples: triangles farther from every sample close the rim of an open surface, and are dropped.
 _RIM = 1.6
-# Pieces of fewer vertices are single nodes in a gap narrower than a cell.
+# Pieces of fewer vertices come from single nodes in gaps narrower than a cell, and are dropped.
 _SMALLEST = 20
 _AT_ONCE = 2_000_000
 
@@ -36,35 +36,56 @@ def mesh_geometry(
 ) -> Surface:
     """Make a triangle mesh of points with normals.
 
-    Marching cubes (scikit-image) on the signed distance to the point-set surface, worked out near the samples; the side of
-    everything else is that of the nodes around it. Where the surface of the points is closed, so is the mesh. Sheets nearer to
-    each other than a cell grow together.
+    Marching cubes run on the signed distance from the point-set surface, which is computed near the samples; elsewhere the
+    sign is that of the nodes around. If the surface of the points is closed, so is the mesh. Sheets that are closer to each
+    other than a cell grow together.
 
     Parameters
     ----------
     points : PointSet
-        At least 32.
+        At least 32 points, such as from `extend_geometry`.
     cell : float, optional
-        Side of the cubes; default the distance of samples.
-    closed : bool
-        Close what is cut at the output's border by flat faces, where the points bound a solid; a sheet, such as a height field,
-        stays open. The notes count the open edges.
-    axis : int, optional
-        Height axis: the borders of the other two are where the output was cut. None: it was not cut anywhere.
+        Side of the cubes, in the unit of the points. Default None: the distance of samples.
+    closed : bool, optional
+        Close by flat faces what is cut at the border of the points, if they bound a solid; a sheet, such as a height field,
+        stays open. The notes count the open edges. Default False.
+    axis : {0, 1, 2, "x", "y", "z"} or None, optional
+        Height axis: the points were cut at the borders along the other two. None: they were not cut anywhere. Default 2.
     device : str, optional
+        Where distances are computed, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
 
     Returns
     -------
     Surface
-        Colours from the nearest points; ``measured`` is False throughout.
+        The mesh, with colours from the nearest points; ``measured`` is False throughout.
 
     Raises
     ------
     InputError
-        If there are too few points, or the grid would exceed 150 million nodes.
+        If there are fewer than 32 points, the cell is not positive, the grid would exceed 150 million nodes, or the device
+        does not exist.
+
+    Warns
+    -----
+    IntaglioWarning
+        If the cell is more than two distances of samples, so that thin parts are lost.
+
+    References
+    ----------
+    Lorensen & Cline, "Marching Cubes: A High Resolution 3D Surface Construction Algorithm", SIGGRAPH 1987.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:24, :24]
+    >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+    >>> mesh = intaglio.mesh_geometry(swatch.points, device="cpu")
+    >>> len(mesh.faces) > 1000, bool(np.abs(mesh.vertices[:, 2]).max() < 2.1)
+    (True, True)
     """
     device = device_or_error(device)
-    checked_points(points)
+    checked_points("points", points)
     axis = None if axis is None else axis_number(axis)
     if len(points) < 32:
         raise InputError(f"{len(points)} points are too few for a mesh; at least 32 are needed")
@@ -140,7 +161,7 @@ def _near_field(
         place = np.stack(np.unravel_index(part, counts), axis=1) * steps + begin
         field = signed_distance(surface, place, reach=reach)
         flat[part] = field[:, 0]
-        # Beyond reach the side is not known.
+        # The side of nodes out of reach is unknown.
         known.reshape(-1)[part[(field[:, 1:] == 0).all(axis=1)]] = False
     return volume, known
 

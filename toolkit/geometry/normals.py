@@ -11,13 +11,13 @@ from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.geometry.point_set import plane_axes
 
-# Neighbours a plane is fitted to, and those along which sides are handed on.
+# Neighbours a plane is fitted to, and those along which sides are propagated.
 _PLANE, _GRAPH, _AROUND = 12, 8, 24
-# Share of points with another layer below or above from which a swatch is no height field.
+# Share of points with another layer below or above from which a swatch is not a height field.
 _LAYERED = 0.05
-# Share of normals that point down from which it is none.
+# Share of downward normals from which a swatch is not a height field.
 _DOWN = 0.01
-# Neighbours less alike than this hand on no side.
+# Least likeness of neighbours along which sides are propagated.
 _UNLIKE = 0.25
 # Neighbours that lie so much along a normal (cosine) are of another surface.
 _ACROSS = 0.55
@@ -105,7 +105,7 @@ def _propagate_sides(points: Array, normals: Array, neighbours: Array, axis: int
     crowded[rows[across > _ACROSS]] = True
     crowded[columns[across > _ACROSS]] = True
     clear = (likeness > _UNLIKE) & ~crowded[rows] & ~crowded[columns]
-    # A weight of 0 would be no edge.
+    # Weights are above 0, which would mean no edge.
     weights = (1.0001 - likeness[clear], (rows[clear], columns[clear]))
     tree = minimum_spanning_tree(coo_array(weights, shape=(count, count)).tocsr())
     _, label = connected_components(tree, directed=False)
@@ -148,7 +148,7 @@ def _turn_along(tree: csr_array, label: Array, normals: Array) -> None:
 
 
 def _adopt_sides(normals: Array, neighbours: Array, points: Array, settled: Array) -> None:
-    """Turn what is left like the settled neighbours on its own surface, from these on, in place."""
+    """Turn the remaining normals like those of settled neighbours on the same surface, outwards from these, in place."""
     for _ in range(_ROUNDS):
         left = np.flatnonzero(~settled)
         near = neighbours[left]

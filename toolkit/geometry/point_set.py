@@ -1,4 +1,4 @@
-"""Points with normals, and samples of geometry texture made of them."""
+"""Points with normals, and swatches of geometry texture made of them."""
 
 from __future__ import annotations
 
@@ -13,24 +13,43 @@ from intaglio.errors import InputError
 
 @dataclass(frozen=True)
 class PointSet:
-    """Points of a surface, with the side they face.
+    """Points of a surface, with normals.
 
-    Attributes
+    Parameters
     ----------
-    points : (N, 3) float64 array
-        In the input's unit.
-    normals : (N, 3) float64 array
-        Unit vectors that point out of the solid.
-    color : (N, 3) float32 array, optional
-        Linear Rec.709.
-    source : (N,) int32 array, optional
-        The point of the swatch that each was copied from; None for a swatch.
-    moved : (N,) float32 array, optional
-        How far warp and blending moved it from where plain copying would have put it, and spreading after them.
-    patch : (N,) int32 array, optional
-        The patch that laid it, in scan-line order.
-    notes : tuple of str
-        What was decided or repaired on the way.
+    points : (N, 3) array
+        Positions in any unit of length, kept as float64.
+    normals : (N, 3) array
+        Unit vectors that point out of the solid, kept as float64.
+    color : (N, 3) array or None, optional
+        Linear Rec.709 colours, kept as float32. Default None: no colours.
+    source : (N,) int32 array or None, optional
+        The point of the swatch from which each was copied. Default None: the points are a swatch.
+    moved : (N,) float32 array or None, optional
+        Distance by which warping, blending and spreading moved each point from where plain copying would have put it, in the
+        unit of the points. Default None.
+    patch : (N,) int32 array or None, optional
+        Number of the patch that each point belongs to, in scan-line order. Default None.
+    notes : tuple of str, optional
+        What was chosen or repaired on the way, as sentences for the user. Default none.
+
+    Raises
+    ------
+    InputError
+        For arrays of the wrong shape, or values that are not finite.
+
+    See Also
+    --------
+    intaglio.extend_geometry : Makes one from a swatch.
+    intaglio.mesh_geometry : Makes a mesh of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> points = intaglio.PointSet(points=np.eye(3), normals=np.eye(3))
+    >>> len(points), points.source is None
+    (3, True)
     """
 
     points: Array
@@ -64,7 +83,26 @@ class PointSet:
         return len(self.points)
 
     def part(self, chosen: Array) -> PointSet:
-        """Return the points that ``chosen`` (a mask or indices) names."""
+        """Return some of the points, with their normals and provenance.
+
+        Parameters
+        ----------
+        chosen : (N,) bool array or (K,) int array
+            Which points to take: a mask, or their numbers.
+
+        Returns
+        -------
+        PointSet
+            The chosen points, with the same notes.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> points = intaglio.PointSet(points=np.eye(3), normals=np.eye(3))
+        >>> points.part(points.points[:, 0] > 0.5).points
+        array([[1., 0., 0.]])
+        """
         return replace(
             self,
             **{
@@ -75,7 +113,34 @@ class PointSet:
         )
 
     def write(self, path: PathLike) -> None:
-        """Write PLY, XYZ or OBJ points; see `write_points`."""
+        """Write the points to a file; PLY keeps their provenance.
+
+        Parameters
+        ----------
+        path : path
+            The file; its suffix decides the type: .ply, .xyz or .obj.
+
+        Raises
+        ------
+        FileError
+            If the suffix is unknown, or the file can't be written.
+
+        See Also
+        --------
+        intaglio.write_points : The same as a function, with what each type keeps.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import numpy as np
+        >>> import intaglio
+        >>> points = intaglio.PointSet(points=np.eye(3), normals=np.eye(3))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     points.write(f"{folder}/points.xyz")
+        ...     rows = np.loadtxt(f"{folder}/points.xyz")
+        >>> rows[0]
+        array([1., 0., 0., 1., 0., 0.])
+        """
         from intaglio.geometry.writing import write_points
 
         write_points(self, path)
@@ -95,30 +160,49 @@ def axis_number(axis: int | str) -> int:
     raise InputError(f"axis must be x, y or z (0, 1, 2), not {axis!r}")
 
 
-def checked_points(points: object) -> None:
-    """Raise `InputError` for what is no PointSet with normals."""
-    if not isinstance(points, PointSet):
-        raise InputError(f"points must be a PointSet, not {type(points).__name__}")
-    if len(points) and np.linalg.norm(points.normals, axis=1).min() == 0:
-        raise InputError("points have normals of length 0")
+def checked_points(name: str, value: object) -> None:
+    """Raise `InputError` unless ``value`` is a PointSet with normals."""
+    if not isinstance(value, PointSet):
+        raise InputError(f"{name} must be a PointSet, not {type(value).__name__}")
+    if len(value) and np.linalg.norm(value.normals, axis=1).min() == 0:
+        raise InputError(f"{name} have normals of length 0")
 
 
 @dataclass(frozen=True)
 class GeometryTexture:
-    """A swatch: points with normals over a rectangle of a reference plane (Duranleau & Poulin, section 3).
+    """Swatch of geometry texture: points with normals over a rectangle of a reference plane.
 
-    Attributes
+    Usually made by `geometry_from_points`, `geometry_from_mesh`, `geometry_from_height` or `read_geometry_texture`.
+
+    Parameters
     ----------
     points : PointSet
-        All of the geometry, also what reaches past the bounds.
+        All of the geometry, including what reaches past the bounds.
     bounds : (2, 3) float64 array
         Least and greatest corner of the box that is the texture.
     axis : int
-        The height axis, 0, 1 or 2; the plane is spanned by the two others.
+        The height axis, 0, 1 or 2; the reference plane is spanned by the two others.
     spacing : float
-        Distance of samples: 1 over the root of their number on a unit of area.
-    notes : tuple of str
-        What was found, estimated or repaired on reading.
+        Distance of samples: 1 over the root of their number per unit of area.
+    notes : tuple of str, optional
+        What was found, estimated or repaired, as sentences for the user. Default none.
+
+    See Also
+    --------
+    intaglio.extend_geometry : Makes a larger piece of it.
+
+    References
+    ----------
+    Duranleau & Poulin, "Patch-based Synthesis of Geometry Textures with Point-set Surfaces", section 3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:24, :24]
+    >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+    >>> swatch.axis, len(swatch.points)
+    (2, 576)
     """
 
     points: PointSet
@@ -129,16 +213,61 @@ class GeometryTexture:
 
     @property
     def plane_axes(self) -> tuple[int, int]:
-        """The two axes of the reference plane, so that with the height axis they are right-handed."""
+        """The two axes of the reference plane, which form a right-handed system with the height axis.
+
+        Returns
+        -------
+        (int, int)
+            Numbers of the axes.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> y, x = np.mgrid[:24, :24]
+        >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+        >>> swatch.plane_axes
+        (0, 1)
+        """
         return plane_axes(self.axis)
 
     @property
     def height(self) -> float:
-        """Extent of the bounds along the height axis."""
+        """Extent of the bounds along the height axis.
+
+        Returns
+        -------
+        float
+            Length in the unit of the points.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> y, x = np.mgrid[:24, :24]
+        >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+        >>> swatch.height
+        4.0
+        """
         return float(self.bounds[1, self.axis] - self.bounds[0, self.axis])
 
     @property
     def base(self) -> Array:
-        """(2,) sides of the bounds in the reference plane."""
+        """Sides of the bounds in the reference plane.
+
+        Returns
+        -------
+        (2,) float64 array
+            Lengths along the plane's axes, in the unit of the points.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> y, x = np.mgrid[:24, :24]
+        >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+        >>> swatch.base
+        array([23., 23.])
+        """
         size = self.bounds[1] - self.bounds[0]
         return size[list(self.plane_axes)]

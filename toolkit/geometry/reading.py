@@ -19,7 +19,7 @@ from intaglio.mesh import load_mesh, vertex_colors
 
 POINT_FILES = (".xyz", ".txt", ".pts")
 _MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
-# Of a height map's shorter side, where its range is not given.
+# Default range of a height map, as a share of its shorter side.
 _RELIEF = 1 / 30
 
 
@@ -33,33 +33,62 @@ def read_geometry_texture(
     pixel: float | None = None,
     seed: int = 0,
 ) -> GeometryTexture:
-    """Read a swatch of geometry texture.
+    """Read a swatch of geometry texture from a file of points, a mesh or a height map.
 
     Parameters
     ----------
     path : path
-        Points: .ply, .obj (``v`` and ``vn`` lines without faces) or .xyz, .txt, .pts (x y z, or x y z nx ny nz, a line
-        each). Meshes, which are sampled evenly: .ply, .obj, .stl, .off, .gltf, .glb. Height maps: .png, .tif, .exr, .jpg.
+        The file:
+
+        * points: .ply, .obj (``v`` and ``vn`` lines without faces) or .xyz, .txt, .pts (a line x y z, or x y z nx ny nz,
+          each);
+        * a mesh, which is sampled evenly: .ply, .obj, .stl, .off, .gltf, .glb;
+        * a height map: .png, .tif, .exr, .jpg.
     bounds : (2, 3) array, optional
-        The box that is the texture. Default: the extent of the points.
-    axis : 0, 1, 2 or "x", "y", "z", optional
-        Height axis. Default: the least extent.
+        Least and greatest corner of the box that is the texture; see `geometry_from_points`. Default None: the extent of
+        the points.
+    axis : {0, 1, 2, "x", "y", "z"}, optional
+        Height axis of points and meshes. Default None: the one along which they extend least.
     spacing : float, optional
-        Distance of samples: of a mesh or height map that is sampled, or to which points are thinned.
+        Distance at which a mesh or height map is sampled, or to which points are thinned. Default None: see
+        `geometry_from_mesh`, `geometry_from_height` and `geometry_from_points`.
     height : float, optional
-        For height maps: the height of white over black (of 1 over 0), in the unit of ``pixel``. Default a thirtieth of the
-        shorter side, but 1 for EXR and TIFF of floats, which hold heights as they are.
-    pixel : float
-        For height maps: side of a pixel; default 1.
-    seed : int
-        For sampling.
+        For height maps: the height of white (1) over black (0), in the unit of ``pixel``. Default None: a thirtieth of the
+        shorter side, but 1 for EXR and float TIFF, which hold heights as they are.
+    pixel : float, optional
+        For height maps: side of a pixel. Default None: 1.
+    seed : int, optional
+        Seed of the sampling: the same seed gives the same points. Default 0.
+
+    Returns
+    -------
+    GeometryTexture
+        The points, their bounds and the distance of samples.
 
     Raises
     ------
     FileError
-        If the file is missing, empty, damaged or of no known kind.
+        If the file is missing, empty, damaged or of an unknown type.
     InputError
-        If its content is no usable swatch; see `geometry_from_points`.
+        If its content is not a usable swatch (see `geometry_from_points`), or an option is for another sort of file.
+
+    Warns
+    -----
+    IntaglioWarning
+        As `geometry_from_points`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:16, :16]
+    >>> rows = np.column_stack([x.ravel(), y.ravel(), np.sin(x.ravel()), -np.cos(x.ravel()), 0 * x.ravel(), np.ones(256)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     np.savetxt(f"{folder}/waves.xyz", rows)
+    ...     swatch = intaglio.read_geometry_texture(f"{folder}/waves.xyz")
+    >>> len(swatch.points), swatch.axis
+    (256, 2)
     """
     path = check_readable(path)
     kind = path.suffix.lower()

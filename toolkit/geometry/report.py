@@ -21,13 +21,13 @@ _LIGHT = Light(tilt=135.0, slant=55.0)
 
 
 def geometry_pictures(
-    mesh: Surface, axis: int, *, colors: Array | None = None, size: tuple[int, int] = (640, 480)
+    surface: Surface, axis: int, *, colors: Array | None = None, size: tuple[int, int] = (640, 480)
 ) -> dict[str, Array]:
-    """Return pictures (H, W, 3) of a mesh from above and aslant.
+    """Return pictures (H, W, 3) of a surface from above and aslant.
 
     Parameters
     ----------
-    mesh : Surface
+    surface : Surface
         Of `mesh_geometry`.
     axis : int
         Height axis.
@@ -36,13 +36,13 @@ def geometry_pictures(
     size : (rows, columns)
     """
     # The height axis towards the eye; the order of the three keeps its handedness.
-    vertices = mesh.vertices[:, [*plane_axes(axis), axis]]
-    used = used_vertices(mesh.faces, len(vertices))
-    shown = mesh.color if colors is None else colors
+    vertices = surface.vertices[:, [*plane_axes(axis), axis]]
+    used = used_vertices(surface.faces, len(vertices))
+    shown = surface.color if colors is None else colors
     found = {}
     for name, direction in VIEWS.items():
         camera = frame(vertices[used], np.array(direction), up=(0.0, 1.0, 0.3), margin=0.85)
-        found[name] = view(vertices, mesh.faces, camera=camera, colors=shown, light=_LIGHT, size=size)
+        found[name] = view(vertices, surface.faces, camera=camera, colors=shown, light=_LIGHT, size=size)
     return found
 
 

@@ -9,7 +9,7 @@ from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.randomness import Stream, uniform
 
-# A Poisson-disk choice of radius r has about one sample on (1.28 r)².
+# Poisson disks of radius r leave about one sample on an area of (1.28 r)².
 RADIUS = 1 / 1.28
 
 _FIRST, _NEIGHBOURS = 4, 12
@@ -17,9 +17,9 @@ _FIRST, _NEIGHBOURS = 4, 12
 _DENSE = 8
 # Samples of a mesh where no spacing is given.
 _USUAL = 50_000
-# More would take more than a few GiB to spread.
+# The most samples; more would take more than a few GiB to spread.
 _MOST = 2e6
-# Samples of largest density measured: more would only cost time.
+# The most samples whose spacing is measured; more would only cost time.
 _MEASURED = 20_000
 
 
@@ -58,7 +58,7 @@ def usual_nearest(points: Array) -> float:
 
 
 def thin_points(points: Array, normals: Array, radius: float, seed: int = 0) -> Array:
-    """Return the indices of a Poisson-disk choice: none nearer to another on its side than ``radius``, hardly room for more.
+    """Return the indices of a Poisson-disk sample: no two on one side are nearer than ``radius``, and hardly any more fit.
 
     Points are taken in random order, all that are first among their undecided neighbours at once, which is what taking them
     one by one gives.
@@ -83,7 +83,7 @@ def thin_points(points: Array, normals: Array, radius: float, seed: int = 0) -> 
 
 
 def _first_in_cells(points: Array, normals: Array, side: float, rank: Array) -> Array:
-    """Return the indices of the first by rank in each small cell and octant of the normal: the rest is too near to it."""
+    """Return the index of the first by rank in each small cell and octant of the normal, to which all others are too near."""
     cell = np.floor((points - points.min(axis=0, initial=0)) / side).astype(np.int64)
     octant = (normals > 0) @ np.array([1, 2, 4])
     order = np.lexsort((rank, octant, cell[:, 2], cell[:, 1], cell[:, 0]))

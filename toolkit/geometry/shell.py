@@ -32,51 +32,71 @@ def wrap_geometry(
     normals: Array | None = None,
     device: str | None = None,
 ) -> PointSet:
-    """Carry a geometry texture over a mesh: every point goes to its base point plus its height along the normal there.
+    """Place a geometry texture on a mesh: every point goes to its base point plus its height along the normal there.
 
     Parameters
     ----------
     points : PointSet
-        Of `extend_geometry`: from 0 to ``size`` in the plane. Toroidal, where it is repeated or the mesh closes on itself:
-        another shows a seam there.
+        From `extend_geometry`: from 0 to ``size`` in the plane. It should be tileable if it is repeated or the mesh closes on
+        itself, or else a seam shows there.
     vertices : (N, 3) array
+        Positions of the mesh, in any unit of length.
     faces : (F, 3) int array
+        Triangles of the mesh.
     uv : (N, 2) or (F, 3, 2) array
-        Texture coordinates; [0, 1] is covered by the texture ``repeat`` times along u and v.
+        Texture coordinates of the vertices, or of the corners of the faces; the texture covers [0, 1] ``repeat`` times.
     size : float or (float, float)
-        Sides of the texture.
-    repeat : (int, int)
-    axis : int
-        Height axis of the texture.
+        Sides of the texture in the plane, in the unit of the points.
+    repeat : (int, int), optional
+        How often the texture is repeated along u and v, from 1 to 1000. Default (1, 1).
+    axis : {0, 1, 2, "x", "y", "z"}, optional
+        Height axis of the texture. Default 2.
     thickness : float, optional
-        Length on the mesh for a unit of the texture's height. Default: the mean of how lengths of the plane are scaled.
+        Length on the mesh for a unit of the texture's height. Default None: the mean factor by which lengths in the plane are
+        scaled, which keeps proportions.
     base : float, optional
-        The height, in the texture, that lies on the mesh. Default: the middle of its heights.
+        The height in the texture that lies on the mesh. Default None: the middle of its heights.
     normals : (N, 3) array, optional
-        Of the vertices; default from the faces, vertices in the same place counting as one.
+        Normals at the vertices. Default None: from the faces, with vertices at the same place counted as one.
     device : str, optional
+        Where triangles are searched, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
 
     Returns
     -------
     PointSet
-        With ``source``, ``moved`` and ``color`` of the points; those outside of all triangles' texture coordinates are left
-        out. The notes say how lengths were scaled.
+        The points on the mesh, with ``source``, ``moved`` and ``color``. Points outside the texture coordinates of all
+        triangles are left out. The notes say how lengths were scaled.
 
     Raises
     ------
     InputError
-        For arrays of the wrong shape, texture coordinates without area, and points that reach none of it.
+        For arrays of the wrong shape, options out of range, texture coordinates without area, points of which none reaches
+        them, or a device that does not exist.
 
     References
     ----------
-    Duranleau & Poulin, section 7 (future work); shells as in Porumbescu et al., *Shell maps* (2005).
+    Duranleau & Poulin, "Patch-based Synthesis of Geometry Textures with Point-set Surfaces", section 7 (future work).
+
+    Porumbescu, Budge, Feng & Joy, "Shell Maps", SIGGRAPH 2005.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:24, :24]
+    >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+    >>> corners = np.array([[0.0, 0, 0], [48, 0, 0], [48, 48, 0], [0, 48, 0]])
+    >>> faces, uv = np.array([[0, 1, 2], [0, 2, 3]]), corners[:, :2] / 48
+    >>> wrapped = intaglio.wrap_geometry(swatch.points, corners, faces, uv, size=24, device="cpu")
+    >>> np.allclose(wrapped.points, 2 * swatch.points.points, atol=1e-4)
+    True
     """
     device = device_or_error(device)
     sides = checked_pair("size", size)
     if not isinstance(repeat, tuple | list) or len(repeat) != 2:
         raise InputError(f"repeat must be two whole numbers, not {repeat!r}")
     turns = [checked_count("repeat", r, 1, 1000) for r in repeat]
-    checked_points(points)
+    checked_points("points", points)
     axis = axis_number(axis)
     corners, triangles = checked_vectors("vertices", vertices), np.asarray(faces)
     if triangles.dtype.kind not in "iu":

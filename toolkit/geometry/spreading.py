@@ -9,7 +9,7 @@ from intaglio.geometry.sampling import thin_points
 from intaglio.kernels.point_surface import PointSurface
 from intaglio.kernels.relaxation import gaps, repelled
 
-# Of the sum of all pushes, how much a point moves in a round.
+# The share of the sum of all pushes by which a point moves in a round.
 _STRENGTH = 0.25
 # In usual distances of nearest neighbours: what counts as a gap, as a border, and how near a new point may come to others.
 _GAP, _BORDER, _ROOM = 2.8, 4.5, 0.7
@@ -49,7 +49,7 @@ def spread(
         ring = _add_images(out, period, 2 * support)
         moving = PointSurface(ring["point"], ring["normal"], support, device=device)
         pushed = repelled(moving, nearest, _STRENGTH)[: len(out)]
-        # Where nothing pushes nothing is touched.
+        # Points that nothing pushes keep their bits.
         moved = np.flatnonzero((pushed != out["point"].astype(np.float32)).any(axis=1))
         feet = fixed.project(pushed[moved], facing=out["normal"][moved], reach=support)
         moved, point, normal = moved[feet.found], feet.points[feet.found], feet.normals[feet.found]

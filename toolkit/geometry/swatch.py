@@ -47,7 +47,7 @@ class Swatch:
         low, high = points.min(axis=0), points.max(axis=0)
         for axis in range(2):
             short = padding - (bounds[0, axis] - low[axis]), padding - (high[axis] - bounds[1, axis])
-            # Half a sample less than asked for is no lack.
+            # Half a distance of samples less than required is accepted.
             if max(short) > 0.5 * self.spacing:
                 bounds[0, axis] += max(short[0], 0.0)
                 bounds[1, axis] -= max(short[1], 0.0)

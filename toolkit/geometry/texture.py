@@ -21,13 +21,13 @@ from intaglio.randomness import checked_seed
 _FEWEST = 32
 # Share of a height map that may be steeper than 45° before its pixels are too uneven as samples.
 _STEEP = 0.1
-# Extents for which single precision has room.
+# The smallest and largest extents that single precision can represent well.
 _SMALLEST, _LARGEST = 1e-12, 1e12
 # Local distances of samples (2 % and 98 % quantiles) may differ by this factor.
 _MOST_UNEVEN = 3.0
-# A larger share of points with an opposing surface nearer than this many distances of samples is warned of.
+# A warning is given if a larger share of the points has an opposing surface nearer than this many distances of samples.
 _OPPOSED_NEAR, _OPPOSED_SHARE = 0.5, 0.01
-# Below this share of the bounds covered by the points' hull, the swatch is no rectangle.
+# Below this share of the bounds covered by the points' hull, the swatch does not count as a rectangle.
 _FULL = 0.9
 
 
@@ -45,29 +45,50 @@ def geometry_from_points(
     Parameters
     ----------
     points : (N, 3) array
-        At least 32, in any unit.
+        At least 32 points, in any unit of length.
     normals : (N, 3) array, optional
-        Any length above 0; they point out of the solid. Default: estimated (see the texture's notes).
+        Vectors of any length but zero that point out of the solid. Default None: estimated (see the texture's notes).
     color : (N, 3) array, optional
-        Linear.
+        Linear colours, at least 0. Default None: no colours.
     bounds : (2, 3) array, optional
-        The box that is the texture; geometry should reach past it in the reference plane. Default: the points' own extent,
-        of which `extend_geometry` takes off the padding it needs.
-    axis : 0, 1, 2 or "x", "y", "z", optional
-        Height axis; default the one along which the points extend least.
+        Least and greatest corner of the box that is the texture; geometry should reach past it in the reference plane.
+        Default None: the extent of the points, of which `extend_geometry` takes off the padding that it needs.
+    axis : {0, 1, 2, "x", "y", "z"}, optional
+        Height axis. Default None: the one along which the points extend least.
     spacing : float, optional
-        Thin the points evenly to about this distance, in the points' unit. Default: all are kept.
+        Thin the points evenly to about this distance, in their unit. Default None: all are kept.
+
+    Returns
+    -------
+    GeometryTexture
+        The points, their bounds and the distance of samples. Of points that lie exactly on one another one is kept.
 
     Raises
     ------
     InputError
-        For too few points, NaN, wrong shapes, zero normals, bounds without area, or height, or points in them, and for
-        sampling whose distances differ by more than a factor of 3 (2 % and 98 % quantiles).
+        For too few points, NaN, wrong shapes, normals of zero, bounds without area, height or points in them, and for
+        samples whose distances differ by more than a factor of 3 (2 % and 98 % quantiles).
 
     Warns
     -----
     IntaglioWarning
-        If opposing surfaces lie closer than the sampling can tell apart, or the points fill no rectangle.
+        If opposing surfaces are closer than the sampling can resolve, the points do not fill a rectangle, or points lie
+        above or below the bounds.
+
+    References
+    ----------
+    Duranleau & Poulin, "Patch-based Synthesis of Geometry Textures with Point-set Surfaces", section 3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:16, :16]
+    >>> points = np.column_stack([x.ravel(), y.ravel(), np.sin(x.ravel())])
+    >>> normals = np.column_stack([-np.cos(x.ravel()), 0 * x.ravel(), np.ones(256)])
+    >>> swatch = intaglio.geometry_from_points(points, normals)
+    >>> swatch.axis, swatch.base
+    (2, array([15., 15.]))
     """
     positions = checked_vectors("points", points)
     if len(positions) < _FEWEST:
@@ -127,25 +148,53 @@ def geometry_from_mesh(
     axis: int | str | None = None,
     seed: int = 0,
 ) -> GeometryTexture:
-    """Make a geometry texture of a triangle mesh, sampled evenly (Poisson disks).
+    """Make a geometry texture of a triangle mesh, by sampling it evenly (Poisson disks).
 
     Parameters
     ----------
     vertices : (N, 3) array
+        Positions in any unit of length.
     faces : (F, 3) int array
-        Counter-clockwise from outside: normals are those of the triangles.
+        Triangles, counter-clockwise from outside: normals are those of the triangles.
     color : (N, 3) array, optional
-        Linear, at the vertices.
+        Linear colours at the vertices, at least 0. Default None: no colours.
     spacing : float, optional
-        Distance of samples; default gives about 50,000.
-    bounds, axis
-        As for `geometry_from_points`.
-    seed : int
+        Distance of samples, in the unit of the vertices. Default None: one that gives about 50,000 samples.
+    bounds : (2, 3) array, optional
+        Least and greatest corner of the box that is the texture; see `geometry_from_points`. Default None: the extent of
+        the samples.
+    axis : {0, 1, 2, "x", "y", "z"}, optional
+        Height axis. Default None: the one along which the samples extend least.
+    seed : int, optional
+        Seed of the sampling: the same seed gives the same points. Default 0.
+
+    Returns
+    -------
+    GeometryTexture
+        The samples, their bounds and their distance.
 
     Raises
     ------
     InputError
-        For a mesh without area, and as `geometry_from_points` does.
+        For a mesh without area, and as `geometry_from_points`.
+
+    Warns
+    -----
+    IntaglioWarning
+        As `geometry_from_points`.
+
+    References
+    ----------
+    Duranleau & Poulin, "Patch-based Synthesis of Geometry Textures with Point-set Surfaces", section 3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [24, 0, 0], [24, 24, 0], [0, 24, 0]])
+    >>> swatch = intaglio.geometry_from_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), spacing=1.0, bounds=[[2, 2, -1], [22, 22, 1]])
+    >>> 0.9 < swatch.spacing < 1.2, swatch.points.normals[0]
+    (True, array([0., 0., 1.]))
     """
     corners = checked_vectors("vertices", vertices)
     triangles = np.asarray(faces)
@@ -173,20 +222,45 @@ def geometry_from_height(
     Parameters
     ----------
     height : (H, W) array
-        In the unit of ``pixel``.
-    pixel : float
-        Side of a pixel.
+        Heights of at least 6 x 6 pixels, in the unit of ``pixel``.
+    pixel : float, optional
+        Side of a pixel. Default 1: heights are in pixels.
     spacing : float, optional
-        Sample the surface evenly at this distance. Default: a point for each pixel, unless more than a tenth of the map is
-        steeper than 45°, where pixels would leave the slopes bare; then evenly, a pixel apart.
+        Sample the surface evenly at this distance. Default None: a point for each pixel, unless more than a tenth of the map
+        is steeper than 45°, where pixels would leave the slopes bare; then evenly, a pixel apart.
     bounds : (2, 3) array, optional
-        As for `geometry_from_points`.
-    seed : int
+        Least and greatest corner of the box that is the texture; see `geometry_from_points`. Default None: the extent of
+        the points.
+    seed : int, optional
+        Seed of the sampling: the same seed gives the same points. Default 0.
+
+    Returns
+    -------
+    GeometryTexture
+        The points, their bounds and the distance of samples; the height axis is z.
 
     Raises
     ------
     InputError
-        If the map is no finite (H, W) array of at least 6 x 6, and as `geometry_from_points` does.
+        If the map is not a finite (H, W) array of at least 6 x 6, and as `geometry_from_points`.
+
+    Warns
+    -----
+    IntaglioWarning
+        As `geometry_from_points`.
+
+    References
+    ----------
+    Duranleau & Poulin, "Patch-based Synthesis of Geometry Textures with Point-set Surfaces", section 3.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:24, :24]
+    >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+    >>> len(swatch.points), swatch.base, swatch.height
+    (576, array([23., 23.]), 4.0)
     """
     try:
         heights = np.asarray(height, np.float64)

@@ -1,4 +1,4 @@
-"""Thin-plate warps of patches: batched solution, and what is done where a pairing can't be trusted."""
+"""Thin-plate warps of patches: batched solution, and the choice of pairs that can be trusted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from intaglio.arrays import Array
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.kernels.splines import Splines
 
-# Numbers in the systems that are solved together; bounds memory.
+# The most entries of systems that are solved together, to bound memory.
 _SYSTEM_NUMBERS = 2e7
 
 

@@ -20,15 +20,36 @@ POINT_SUFFIXES = (".ply", ".xyz", ".obj")
 
 
 def write_points(points: PointSet, path: PathLike) -> None:
-    """Write points.
+    """Write points with normals to a file.
 
     PLY (binary, positions in double precision) keeps everything: normals, ``source``, ``moved``, ``patch``, colours, and the
     notes as comments. XYZ (x y z nx ny nz) and OBJ (``v`` and ``vn``) keep positions and normals, with all digits.
 
+    Parameters
+    ----------
+    points : PointSet
+        What to write.
+    path : path
+        The file; its suffix decides the type: .ply, .xyz or .obj. It appears whole, or stays as it was.
+
     Raises
     ------
     FileError
-        For an unknown type, or if the file can't be written.
+        If the suffix is unknown, or the file can't be written.
+    InputError
+        If ``points`` is not a PointSet.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> points = intaglio.PointSet(points=np.eye(3), normals=np.eye(3))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     intaglio.write_points(points, f"{folder}/points.xyz")
+    ...     rows = np.loadtxt(f"{folder}/points.xyz")
+    >>> rows[1]
+    array([0., 1., 0., 0., 1., 0.])
     """
     if not hasattr(points, "normals"):
         raise InputError(f"points must be a PointSet, not {type(points).__name__}")

@@ -24,7 +24,7 @@ _HEAD = re.compile(rb"^ply\s")
 
 
 def read_surface(path: PathLike, *, view: Sequence[float] | None = None, repair: bool = False) -> Surface:
-    """Read a surface from a file.
+    r"""Read a surface from a file.
 
     A PLY written by Intaglio comes back the same: vertices bit for bit, with base, provenance and model. A PLY with a
     ``range_grid`` is triangulated in its own grid. A point cloud (no faces) needs ``view``.
@@ -65,7 +65,7 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, repair:
     >>> import pathlib
     >>> import tempfile
     >>> import intaglio
-    >>> text = "v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nf 1 2 3\\n"
+    >>> text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "triangle.obj")
     ...     _ = path.write_text(text)

@@ -1,4 +1,4 @@
-"""Charts for surfaces that no single one can hold, by xatlas."""
+"""Several charts, from xatlas, for surfaces that can't be laid flat as one."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def atlas(vertices: Array, faces: Array, *, texels: int = 1024, padding: int = 4
 
     center = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     edges = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
-    # xatlas takes triangles below a fixed size for degenerate: the typical edge becomes 1.
+    # xatlas treats triangles below a fixed size as degenerate, so the typical edge is scaled to 1.
     unit = float(np.median(np.linalg.norm(edges, axis=2)))
     made = xatlas.Atlas()
     made.add_mesh(np.ascontiguousarray((vertices - center) / unit, np.float32), np.ascontiguousarray(faces, np.uint32))
@@ -37,7 +37,7 @@ def atlas(vertices: Array, faces: Array, *, texels: int = 1024, padding: int = 4
     made.generate(pack_options=options)
     vertex, corners, uv = made[0]
     uv = np.asarray(uv, np.float64)
-    # Rows and columns are scaled apart from each other; the texture is square.
+    # xatlas scales rows and columns separately; the texture is square.
     uv = uv * np.array([made.width, made.height]) / max(made.width, made.height)
     if not np.isfinite(uv).all():
         raise InputError("xatlas found no charts for this mesh; check it for needles and for faces of very different size")

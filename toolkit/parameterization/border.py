@@ -13,7 +13,7 @@ def crosses_itself(points: Array) -> bool:
     ends = np.roll(points, -1, axis=0)
     middle, half = (points + ends) / 2, np.linalg.norm(ends - points, axis=1) / 2
     count = len(points)
-    # Pairs whose circles may meet: long edges would make every pair a candidate, so they look at their own reach.
+    # Pairs whose bounding circles may meet. Long edges would make every pair a candidate, so each searches its own radius.
     short = half <= 4 * np.median(half)
     pairs = [_near_pairs(middle, half, short)]
     for k in np.flatnonzero(~short):

@@ -1,4 +1,4 @@
-"""Facts of a chart: a mesh, or part of one, with its triangles laid flat."""
+"""Geometry of a chart: areas, edges and stretch of its triangles, in space and in the texture."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def mean_value_weights(chart: Chart) -> csr_array:
 
 
 def uniform_weights(chart: Chart) -> csr_array:
-    """Return ones for joined vertices: Tutte's embedding, the most forgiving of bad triangles."""
+    """Return ones for joined vertices: Tutte's embedding, which tolerates badly shaped triangles best."""
     ones = np.ones(chart.faces.shape)
     return _per_edge(chart, ones, ones, inverse_power=0)
 

@@ -31,10 +31,10 @@ from intaglio.parameterization.topology_check import Kind, classify_topology
 # Powers by which the largest stretch is approached, from the mean square on.
 _POWERS = (4.0, 8.0, 16.0, 32.0)
 
-# Weights of the triangle shape term, from one minimisation to the next: the paper's is infinite.
+# Weights of the triangle shape term, from one minimisation to the next; that of Yamauchi et al. is infinite.
 _STRICTNESS = (1.0, 30.0, 1000.0)
 
-# It begins at this many thresholds, so that with a finite weight the threshold itself is met.
+# The shape term starts at this multiple of the threshold, so that the threshold itself holds with a finite weight.
 _SHAPE_FROM = 1.1
 
 # A hole is bridged rather than joined by a seam if its border is shorter than this share of the longest border, and of the root
@@ -71,63 +71,72 @@ def parameterize(
     device: str | None = None,
     progress: Progress | None = None,
 ) -> Parameterization:
-    """Lay a surface flat over [0, 1]^2, as one chart of low distortion where its topology allows.
+    """Lay a surface flat over [0, 1]^2, as one chart of low distortion if its topology allows.
 
-    A disk is kept whole. A surface of genus 0 that is closed or has several borders is cut open along a short seam graph;
-    small holes are bridged instead, for the time of the computation. Others get several charts from xatlas. ``notes`` says
-    which.
+    A disk is kept whole. A surface of genus 0 that is closed or has several borders is cut open along short seams; small holes
+    are bridged during the computation instead. Other surfaces get several charts from xatlas. ``notes`` says what was done.
 
     Parameters
     ----------
     surface : Surface
-    energy : {"stretch", "stretch-max", "mips", "intrinsic", "mean-value"}
+        Every vertex must belong to a face, every triangle have area, and the faces join as a surface.
+    energy : {"stretch", "stretch-max", "mips", "intrinsic", "mean-value"}, optional
         What is minimised: the L2 geometric stretch; the largest stretch, approached by high powers; the conformal MIPS
-        energy; the linear intrinsic mixture (with a fixed boundary; may flip triangles, which are counted); or only the
-        linear mean value embedding that the others start from.
-    boundary : {"free", "circle", "square"}
-        Free borders move as the energy asks and never cross themselves; fixed ones are laid out by chord length.
+        energy; the linear intrinsic mixture (with a fixed boundary; it may flip triangles, which are counted); or only the
+        linear mean value embedding with which the others start. Default "stretch", as published.
+    boundary : {"free", "circle", "square"}, optional
+        Free borders move to lower the energy and never cross themselves; fixed ones are laid out by chord length.
     view : (3,) sequence, optional
-        From the object towards the eye of the view that matters most: what faces it gets more of the texture, and seams keep
-        to the back.
-    importance : float
-        The paper's k > 1; the nearer to 1, the more the view counts; [1.01, 2] is useful.
-    shape_threshold : float
-        The paper's alpha: least ratio of height to longest side of a triangle in the texture, 0 to 0.5; 0 leaves the term
-        out, 0.05 to 0.15 is useful. Triangles that are thinner in space have nine tenths of their own ratio as threshold.
+        Direction from the object towards the eye for the view that matters most: what faces it gets more of the texture, and
+        seams keep to the back. Default None: all directions matter the same.
+    importance : float, optional
+        k > 1 in equation 2: the nearer to 1, the more the view counts; 1.01 to 2 is useful.
+    shape_threshold : float, optional
+        α in section 3: least ratio of height to longest side of a triangle in the texture, 0 to 0.5. 0 leaves the term out;
+        0.05 to 0.15 is useful. Triangles that are thinner than that on the surface have nine tenths of their own ratio as
+        threshold.
     max_stretch : float, optional
-        More seams are cut, each to the place of highest stretch, while the L2 stretch is above this (at most 12; at least
-        1.01). Default: no more than the topology asks for.
-    conformal : float
+        More seams are cut, at most 12, each to the place of highest stretch, while the L2 stretch is above this; at least
+        1.01. Default None: only those that the topology requires.
+    conformal : float, optional
         Share of the conformal energy in the intrinsic one, 0 to 1; the rest is authalic.
-    iterations : int
-        Most Newton steps.
+    iterations : int, optional
+        The most Newton steps of a minimisation.
     device : str, optional
-        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+        ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with steps done and the most steps.
+        Called with the steps done and the most steps.
 
     Returns
     -------
     Parameterization
+        Texture positions, the faces on them, and how much they are stretched.
 
     Raises
     ------
     InputError
-        For unreferenced vertices, triangles without area, faces that don't join as a surface, and options out of range.
+        For vertices without faces, triangles without area, faces that don't join as a surface, and options out of range.
+
+    See Also
+    --------
+    intaglio.combine_photographs : Fills the texture.
 
     References
     ----------
-    Yamauchi et al., Textures revisited (2005), section 3, equation 2. The paper's visual importance is
-    1 / (<N, V> + k) with V in the direction of sight; here ``view`` points the other way, and the sign is turned. Sander et
-    al., Texture mapping progressive meshes (2001). Hormann and Greiner, MIPS (2000). Desbrun, Meyer and Alliez, Intrinsic
-    parameterizations of surface meshes (2002).
+    Yamauchi et al., "Textures Revisited", The Visual Computer 21, 2005, section 3, equation 2. The visual importance there is
+    1 / (<N, V> + k) with V in the direction of sight; here ``view`` points the other way, so the sign is the opposite. Sander
+    et al., "Texture Mapping Progressive Meshes", SIGGRAPH 2001, section 3. Hormann & Greiner, "MIPS: An Efficient Global
+    Parametrization Method", 2000. Desbrun, Meyer & Alliez, "Intrinsic Parameterizations of Surface Meshes", Eurographics
+    2002, section 3.
 
     Examples
     --------
     >>> import numpy as np
-    >>> flat = Surface(vertices=np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), faces=np.array([[0, 1, 2], [0, 2, 3]]))
-    >>> laid = parameterize(flat)
-    >>> round(laid.l2_stretch, 6), laid.flips
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> uv = intaglio.parameterize(square, device="cpu")
+    >>> round(uv.l2_stretch, 6), uv.flips
     (1.0, 0)
     """
     options = Options(surface, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
@@ -158,10 +167,10 @@ def parameterize(
         try:
             found = _flatten_chart(options, bridged, longer, tuple(notes), chosen, progress)
         except InputError:
-            # What was found before is valid; a seam that leaves no chart is not cut.
+            # The chart found before is valid; a seam after which there is none is not cut.
             break
         seam, seams = longer, seams + 1
-        # A seam that does not help at once may with the next one.
+        # A seam that does not help by itself may help together with the next one.
         if found.l2_stretch < best.l2_stretch:
             best = found
     return _add_note(best, f"{seams} seams cut to lower the stretch to {best.l2_stretch:.3f}") if seams else best
@@ -216,11 +225,11 @@ def _length(surface: Surface, loop: Array) -> float:
 def _flatten_chart(
     options: Options, bridged: _Bridged, seam: Array, notes: tuple[str, ...], device: str, progress: Progress | None
 ) -> Parameterization:
-    """Cut the mesh along ``seam``, lay it flat, and leave the bridges over holes out again."""
+    """Cut the surface along ``seam``, lay it flat, and remove the bridges over holes."""
     surface = options.surface
     faces, origin = cut_open(bridged.faces, len(bridged.vertices), seam)
     vertices = bridged.vertices[origin]
-    # Units and survey coordinates are left behind: what follows is of size 1.
+    # Scaled to size 1, without survey coordinates.
     size = float(np.sqrt(doubled_areas(bridged.vertices, bridged.faces).sum()))
     chart = Chart((vertices - vertices.mean(axis=0)) / size, faces, _outer_loop(faces))
     weight = np.concatenate([options.importance, np.full(len(faces) - len(surface.faces), _BRIDGE)])
@@ -261,7 +270,7 @@ def _flatten(options: Options, chart: Chart, weight: Array, device: str, progres
     weight = weight * share
     weight /= weight.sum()
     uv = relax_stretch(chart, fixed, weight)
-    # The energy's optimum has as much area in the texture as on the surface, in units of the surface's.
+    # At the optimum of the energy, the area in the texture is that on the surface.
     scale = np.sqrt(area.sum() / doubled_texture_areas(uv, chart.faces).sum())
     uv = uv * scale
     corner = flat_edges(chart.vertices, chart.faces)
@@ -303,7 +312,7 @@ def _flatten(options: Options, chart: Chart, weight: Array, device: str, progres
 
 
 def _in_round(progress: Progress | None, number: int, rounds: int) -> Progress | None:
-    """Return what reports one of several minimisations as part of all."""
+    """Return a callable that reports one of several minimisations as part of all of them."""
     if progress is None:
         return None
     report = progress
@@ -311,7 +320,7 @@ def _in_round(progress: Progress | None, number: int, rounds: int) -> Progress |
 
 
 def _safe_areas(chart: Chart) -> Array:
-    """Return twice the triangles' areas; bridges over holes may have none, and get a little."""
+    """Return twice the areas of the triangles; bridges over holes, which may have none, get a small one."""
     area = doubled_areas(chart.vertices, chart.faces)
     return np.maximum(area, 1e-6 * float(area.mean()))
 
@@ -330,7 +339,7 @@ def _fit_to_square(uv: Array) -> Array:
 
 
 def _lengthen_seam(bridged: _Bridged, graph: csr_array, seam: Array, found: Parameterization) -> Array:
-    """Return the seam, longer by the way to where the stretch is highest, over neighbourhoods of some rings."""
+    """Return the seam, extended to the place of highest stretch, which is averaged over neighbourhoods of some rings."""
     count = len(bridged.vertices)
     own = bridged.faces[: len(found.faces)]
     area = doubled_areas(bridged.vertices, own)

@@ -19,7 +19,7 @@ _SHORT_OF_FLAT = 0.9
 # Sufficient decrease of a line search (Armijo).
 _DECREASE = 1e-4
 
-# Distance below which parts of a free border push each other off, in mean border edges.
+# Distance below which parts of a free border repel each other, in mean border edges.
 _REACH = 0.1
 
 
@@ -102,7 +102,7 @@ def _energy(distortion: Distortion, uv: Array, loop: Array, reach: float) -> flo
 
 
 def _strength(loop: Array) -> float:
-    """Return the weight of the border's barrier: small, since only near a touch it matters."""
+    """Return the weight of the border's barrier: small, since it matters only where the border nearly touches itself."""
     return 1e-3 / len(loop)
 
 
@@ -169,7 +169,8 @@ def _newton_direction(
             added, more = _barrier_terms(pattern, chart.loop, uv, vertex, edge, reach)
             total += added
             matrix = matrix + more
-    # Of a free chart, moving and turning as a whole change nothing: a little of the diagonal makes that definite.
+    # The energy of a free chart does not change as it moves or turns as a whole; a small multiple of the diagonal makes the
+    # matrix definite.
     tiny = 1e-9 * float(diagonal.mean())
     matrix = matrix + csc_array((np.full(pattern.count, tiny), np.arange(pattern.count), np.arange(pattern.count + 1)))
     factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -1,4 +1,4 @@
-"""What a parameterization is asked for, checked."""
+"""The options of a parameterization, validated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BOUNDARIES = ("free", "circle", "square")
 
 
 class Options:
-    """Checked options, and what follows from them for each face of the mesh."""
+    """Checked options, and what follows from them for each face of the surface."""
 
     def __init__(
         self,
@@ -30,7 +30,7 @@ class Options:
         iterations: int,
     ) -> None:
         if not isinstance(surface, Surface):
-            raise InputError(f"mesh must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+            raise InputError(f"surface must be a Surface (read_surface gives one), not {type(surface).__name__}")
         checked_choice("energy", energy, ENERGIES)
         checked_choice("boundary", boundary, BOUNDARIES)
         for name, number, low, high in (

@@ -1,4 +1,4 @@
-"""Showing a parameterization: a checkerboard on the surface, the laid-out triangles, and figures."""
+"""Showing a parameterization: a checkerboard on the surface, the triangles in the texture, and figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from intaglio.parameterization.result import Parameterization
 
 
 def checkerboard(size: int = 1024, squares: int = 32) -> Array:
-    """Return a checkerboard (size, size, 3), linear, whose hue runs with u and v, so that places can be told."""
+    """Return a checkerboard (size, size, 3), linear, whose hue runs with u and v, so that places can be told apart."""
     place = (np.arange(size) + 0.5) / size
     light = ((place[:, None] * squares).astype(int) + (place[None, :] * squares).astype(int)) % 2
     hue = np.stack(np.broadcast_arrays(place[None, :], 1 - place[:, None], np.full((1, 1), 0.5)), axis=2)
@@ -21,7 +21,7 @@ def checkerboard(size: int = 1024, squares: int = 32) -> Array:
 
 
 def layout_picture(uv: Parameterization, size: int = 768) -> Array:
-    """Return the chart or charts (size, size, 3), linear: triangles coloured by their stretch, blue 1 to red 2 and more."""
+    """Return a picture of the chart or charts (size, size, 3), linear: triangles coloured by stretch, from blue, 1, to red, 2."""
     from intaglio.kernels.texels import rasterize
 
     face, _ = rasterize(uv.uv, uv.faces, size, size, "cpu")
@@ -32,13 +32,13 @@ def layout_picture(uv: Parameterization, size: int = 768) -> Array:
 
 
 def describe_parameterization(uv: Parameterization, surface: Surface, view: ArrayLike | None = None) -> list[str]:
-    """Return the figures of a parameterization in words."""
+    """Return what a parameterization is like, line by line: charts, flips, stretch, shape of triangles, and the notes."""
     ratio = uv.shape_ratio
     lines = [
         f"{uv.charts} chart{'s' if uv.charts > 1 else ''}, {uv.flips} flipped triangles",
         f"L2 stretch {uv.l2_stretch:.4f}, largest stretch {uv.linf_stretch:.3g} (1 is the optimum)",
         f"height over longest side of triangles: median {np.median(ratio):.3f}, least {ratio.min():.3g}",
-        f"texture used: {50 * np.abs(doubled_texture_areas(laid.uv, laid.faces)).sum():.1f} %",
+        f"texture used: {50 * np.abs(doubled_texture_areas(uv.uv, uv.faces)).sum():.1f} %",
     ]
     if view is not None:
         for name, seen, used in area_by_view(uv, surface, view):
@@ -47,7 +47,7 @@ def describe_parameterization(uv: Parameterization, surface: Surface, view: Arra
 
 
 def area_by_view(uv: Parameterization, surface: Surface, view: ArrayLike) -> list[tuple[str, float, float]]:
-    """Return what faces a view, is seen from the side, and faces away: its share of the surface and of the texture."""
+    """Return, for what faces a view, is seen from the side and faces away, the shares of the surface and of the texture."""
     towards = np.asarray(view, np.float64)
     towards = towards / np.linalg.norm(towards)
     corner = surface.vertices[surface.faces]

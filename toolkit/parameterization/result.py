@@ -1,4 +1,4 @@
-"""What a parameterization is, and its figures."""
+"""The result of a parameterization, and its figures."""
 
 from __future__ import annotations
 
@@ -13,29 +13,46 @@ from intaglio.parameterization.charts import doubled_areas, doubled_texture_area
 
 @dataclass(frozen=True)
 class Parameterization:
-    """A surface laid flat.
+    """Texture positions of a surface's vertices, in one chart or several.
 
     Attributes
     ----------
     uv : (N', 2) float64 array
-        Texture positions in [0, 1]^2, u to the right, v up; of each vertex where nothing was cut.
+        Texture positions in [0, 1]^2, u to the right, v up. If nothing was cut, those of the vertices in their order.
     faces : (F, 3) int32 array
-        The mesh's faces, over ``uv``.
+        The surface's faces, as indices into ``uv``.
     vertex : (N',) int32 array
-        The mesh's vertex of each position.
+        The surface's vertex that each position belongs to.
     chart : (F,) int32 array
-        Number of the chart of each face.
+        Number of the chart that each face lies in, from 0.
     l2_stretch, linf_stretch : float
-        Root mean square and largest stretch (Sander et al. 2001), times the root of texture area over surface area: 1 is the
-        optimum.
+        Root mean square and largest stretch, times the root of texture area over surface area: 1 is the optimum.
     flips : int
-        Triangles turned over against the rest of their chart.
+        Number of triangles that are turned over against the rest of their chart.
     shape_ratio : (F,) float64 array
         Height over longest side of each triangle in the texture.
     face_stretch : (F,) float64 array
         L2 stretch of each triangle, normalised likewise.
     notes : tuple of str
-        What was done on the way.
+        What was done on the way, as sentences for the user.
+
+    See Also
+    --------
+    intaglio.parameterize : Computes it.
+
+    References
+    ----------
+    Sander, Snyder, Gortler & Hoppe, "Texture Mapping Progressive Meshes", SIGGRAPH 2001: stretch.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> flat = intaglio.parameterize(square, device="cpu")
+    >>> flat.uv.shape, flat.flips, round(flat.l2_stretch, 3)
+    ((4, 2), 0, 1.0)
     """
 
     uv: Array
@@ -51,19 +68,49 @@ class Parameterization:
 
     @property
     def charts(self) -> int:
-        """Number of charts."""
+        """Number of charts.
+
+        Returns
+        -------
+        int
+            At least 1.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> intaglio.parameterize(square, device="cpu").charts
+        1
+        """
         return int(self.chart.max()) + 1
 
     @property
     def cut(self) -> bool:
-        """Whether vertices have several places in the texture."""
+        """Whether some vertices have several positions in the texture.
+
+        Returns
+        -------
+        bool
+            True if the surface was cut.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> intaglio.parameterize(square, device="cpu").cut
+        False
+        """
         return len(self.vertex) > int(self.vertex.max()) + 1
 
 
 def measure_parameterization(
     surface: Surface, uv: Array, faces: Array, vertex: Array, notes: tuple[str, ...]
 ) -> Parameterization:
-    """Return the parameterization with its figures."""
+    """Return the parameterization with the measures of its distortion."""
     _, piece = pieces(faces, len(uv))
     _, chart = np.unique(piece[faces[:, 0]], return_inverse=True)
     chart = chart.reshape(-1)

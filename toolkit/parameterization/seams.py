@@ -86,7 +86,7 @@ def longest_way(graph: csr_array) -> Array:
         ends.append(int(np.argmax(distance)))
     path = path_between(graph, ends[-1], np.array(ends[-2:-1]))
     if len(path) == 1:
-        # One edge parts nothing: a second one beside it does.
+        # Cutting a single edge does not open the surface; a second edge beside it is cut as well.
         beside = graph.indices[graph.indptr[path[0, 1]] : graph.indptr[path[0, 1] + 1]]
         path = np.concatenate([path, [[path[0, 1], int(beside[beside != path[0, 0]][0])]]])
     return path

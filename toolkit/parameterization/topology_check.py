@@ -1,4 +1,4 @@
-"""What kind of surface a mesh is, and refusal of meshes that are none."""
+"""The topology of a surface, and errors for meshes that are not surfaces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from intaglio.errors import InputError
 from intaglio.mesh import Surface, Topology, border_loops, directed_edges, edge_keys, pieces, unique_edges, used_vertices
 from intaglio.parameterization.charts import doubled_areas
 
-# A triangle whose height is below this share of its longest side has no area as far as its angles can be told.
+# A triangle whose height is below this share of its longest side counts as having no area: its angles are lost to rounding.
 _FLAT = 1e-10
 
 
@@ -33,7 +33,7 @@ class Kind:
     loops: list[Array]
 
     def describe(self) -> str:
-        """Return it in words."""
+        """Return the topology in words."""
         if self.pieces > 1:
             return f"{self.pieces} separate pieces"
         borders = {0: "closed", 1: "one border"}.get(len(self.loops), f"{len(self.loops)} borders")
@@ -47,7 +47,7 @@ def classify_topology(surface: Surface) -> Kind:
     ------
     InputError
         For a mesh without faces, with vertices that no face uses, triangles without area, or edges and vertices at which it
-        is no surface.
+        is not a surface.
     """
     vertices, faces = surface.vertices, surface.faces
     if len(faces) == 0:

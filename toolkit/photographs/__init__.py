@@ -1,7 +1,7 @@
 """Texturing a mesh from photographs (Yamauchi et al. 2005, section 4)."""
 
 from intaglio.photographs.assess import ViewComparison, border_step, compare_with_photograph
-from intaglio.photographs.binding import BACKGROUND_THRESHOLD, Binding, bind_photographs
+from intaglio.photographs.binding import BACKGROUND_THRESHOLD, GRAZING, Binding, bind_photographs
 from intaglio.photographs.camera import Camera, Photograph
 from intaglio.photographs.camera_files import read_photographs
 from intaglio.photographs.combine import combine_photographs
@@ -14,6 +14,7 @@ from intaglio.photographs.vertex_colors import mean_vertex_colors, spread_colors
 
 __all__ = [
     "BACKGROUND_THRESHOLD",
+    "GRAZING",
     "TEXTURED_SUFFIXES",
     "Binding",
     "Camera",
@@ -22,11 +23,11 @@ __all__ = [
     "ViewComparison",
     "bind_photographs",
     "border_step",
-    "mean_vertex_colors",
     "combine_photographs",
     "compare_with_photograph",
     "exposure_gains",
     "files_of",
+    "mean_vertex_colors",
     "read_photographs",
     "restore_texture",
     "spread_colors",

@@ -1,4 +1,4 @@
-"""How good a texture from photographs is: steps at the borders between photographs, and views it was not made from."""
+"""How good a texture from photographs is: steps at the borders between photographs, and views that were not used for it."""
 
 from __future__ import annotations
 
@@ -16,28 +16,48 @@ from intaglio.photographs.camera import Photograph
 from intaglio.photographs.texture import Texture
 from intaglio.render import Comparison, compare, through_camera
 
-# Texels beside a border that count as the texture there.
+# The width of the band along a border, in texels, whose own steps the step across is compared with.
 _BESIDE = 6
 
-# Pixels left out along the outline of what a view shows: there a photograph shows the background, too.
+# Pixels left out along the outline of the object, where a photograph also shows the background.
 _OUTLINE = 3
 
 
 @dataclass(frozen=True)
 class ViewComparison:
-    """A photograph against the textured mesh seen through its camera.
+    """Differences between a photograph and the textured surface seen through its camera.
 
     Attributes
     ----------
     name : str
+        Name of the photograph.
     comparison : Comparison
-        Of the pixels that show known texels only; all others are black in both.
+        Figures of the whole pictures, in which all pixels that do not show known texels are black.
     psnr : float
-        In decibels, over those pixels alone, of display values.
+        Peak signal-to-noise ratio in decibels of the display values of the compared pixels alone.
     rendered, photograph : (H, W, 3) float32 arrays
-        Linear; the photograph's exposure is brought to the rendering's by one factor per channel.
+        Linear values; the photograph's exposure is brought to the rendering's by one factor per channel.
     shown : (H, W) bool array
-        The pixels compared.
+        The pixels that are compared.
+
+    See Also
+    --------
+    intaglio.compare_with_photograph : Computes it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+    >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+    >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+    >>> flat = intaglio.parameterize(square, device="cpu")
+    >>> texture = intaglio.combine_photographs(square, flat, [front], 16, background=None, device="cpu")
+    >>> found = intaglio.compare_with_photograph(square, flat, texture.image, texture.known, front, samples=4)
+    >>> found.name, found.psnr > 40, found.shown.shape
+    ('front', True, (32, 32))
     """
 
     name: str
@@ -49,9 +69,34 @@ class ViewComparison:
 
 
 def border_step(texture: Texture) -> float:
-    """Return the mean step between neighbouring texels of different photographs, over that of one photograph's beside them.
+    """Measure how visible the borders between photographs are in a texture.
 
-    1 where borders can't be told from the texture; NaN where there is none.
+    The mean step between neighbouring texels that come mainly from different photographs is divided by that between texels
+    near them that come from the same one, in display values.
+
+    Parameters
+    ----------
+    texture : Texture
+        From `combine_photographs`.
+
+    Returns
+    -------
+    float
+        About 1 if borders can't be told from the texture, larger if they can be seen; NaN if there are no borders.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+    >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+    >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+    >>> flat = intaglio.parameterize(square, device="cpu")
+    >>> texture = intaglio.combine_photographs(square, flat, [front], 16, background=None, device="cpu")
+    >>> intaglio.border_step(texture)  # a single photograph has no borders
+    nan
     """
     shown = encode_srgb(texture.image)
     strongest = np.where(texture.known, texture.photograph[:, :, 0], -1)
@@ -88,28 +133,58 @@ def compare_with_photograph(
     samples: int = 16,
     seed: int = 0,
 ) -> ViewComparison:
-    """Look at a textured mesh through a photograph's camera, and compare.
+    """Render a textured surface through the camera of a photograph, and compare the two.
+
+    Only the pixels that show known texels count. The exposure of the photograph is brought to that of the rendering by one
+    factor per channel.
 
     Parameters
     ----------
     surface : Surface
+        The surface that was textured.
     uv : Parameterization
+        From `parameterize`, of this surface.
     image : (H, W, 3) array
-        Linear texture.
+        Texture, linear Rec.709.
     known : (H, W) bool array
         Texels that count.
     photograph : Photograph
-        Best one that the texture was not made from. Its camera must have no distortion.
-    reduce : int
-        Compare at so many times less resolution.
-    samples : int
-        Paths per pixel.
-    seed : int
+        Preferably one that the texture was not made from. Its camera must have no distortion.
+    reduce : int, optional
+        Compare at a resolution that is lower by this factor, 1 to 4096.
+    samples : int, optional
+        Paths per pixel, 1 to 4096.
+    seed : int, optional
+        The same seed gives the same bits.
+
+    Returns
+    -------
+    ViewComparison
+        Both images, the pixels that were compared, and the differences.
 
     Raises
     ------
     InputError
-        If the camera distorts, or sees no known texel.
+        If shapes don't agree, the camera distorts, or it sees next to nothing of the known texels.
+
+    See Also
+    --------
+    intaglio.combine_photographs : Makes the texture.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> uv = intaglio.parameterize(square, device="cpu")
+    >>> turn = np.diag([1.0, -1.0, -1.0])
+    >>> camera = intaglio.Camera(K=[[24, 0, 12], [0, 24, 12], [0, 0, 1]], R=turn, t=-turn @ [0.5, 0.5, 1.0])
+    >>> grey = np.full((24, 24, 3), 0.5, np.float32)
+    >>> photograph = intaglio.Photograph(camera=camera, picture=grey)
+    >>> found = intaglio.compare_with_photograph(square, uv, grey, np.ones((24, 24), bool), photograph, samples=4)
+    >>> found.psnr > 60
+    True
     """
     shape = np.shape(image)
     if len(shape) != 3 or shape[2] != 3 or np.shape(known) != shape[:2] or not np.isfinite(image).all():
@@ -119,7 +194,9 @@ def compare_with_photograph(
             raise InputError(f"{name} must be a whole number from 1 to 4096, not {value!r}")
     camera = photograph.camera
     if camera.distortion.any():
-        raise InputError(f"{photograph.name}: its camera has radial distortion, which the renderer has not; undistort it")
+        raise InputError(
+            f"{photograph.name}: its camera has radial distortion, which can't be rendered; undistort the photograph"
+        )
     truth, mask = photograph.read()
     if reduce > 1:
         height, width = (n // reduce * reduce for n in truth.shape[:2])
@@ -138,7 +215,7 @@ def compare_with_photograph(
     if mask is not None:
         shown &= mask
     if shown.sum() < 100:
-        raise InputError(f"{photograph.name}: its camera sees next to nothing of the known texture")
+        raise InputError(f"{photograph.name}: its camera sees hardly anything of the known texture")
     factor = np.array([_ratio(rendered[:, :, c][shown], truth[:, :, c][shown]) for c in range(3)], np.float32)
     matched = truth * factor
     first, second = (np.where(shown[:, :, None], a, 0).astype(np.float32) for a in (rendered, matched))
@@ -148,5 +225,5 @@ def compare_with_photograph(
 
 
 def _ratio(wanted: Array, given: Array) -> float:
-    """Return the factor that brings values to others: of their medians, which highlights don't move."""
+    """Return the factor between the medians of two sets of values, which highlights do not change."""
     return float(np.median(wanted) / max(float(np.median(given)), 1e-6))

@@ -39,15 +39,38 @@ class Binding:
     Attributes
     ----------
     valid : (P, N) bool array
-        The paper's valid photographs of each vertex.
+        The valid photographs of each vertex (Yamauchi et al. 2005, section 4.1).
     cosine : (P, N) float32 array
-        <N, V>: vertex normal and direction to the camera.
+        Cosines <N, V> of the angle between the vertex normal and the direction to the camera.
     pixel : (P, N, 2) float32 array
-        Where the vertex appears; anything where it is not valid.
+        Position x, y of the vertex in the photograph, in pixels; without meaning where the photograph is not valid.
     color : (P, N, 3) float32 array
-        Linear colour there; 0 where it is not valid.
+        Linear colour of the photograph there; 0 where it is not valid.
     names : tuple of str
+        Names of the photographs.
     notes : tuple of str
+        What was noticed, as sentences for the user.
+
+    See Also
+    --------
+    intaglio.bind_photographs : Computes it.
+
+    References
+    ----------
+    Yamauchi, Lensch, Haber & Seidel, "Textures Revisited", The Visual Computer 21, 2005, section 4.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+    >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+    >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+    >>> binding = intaglio.bind_photographs(square, [front], background=None, device="cpu")
+    >>> binding.valid
+    array([[ True,  True,  True,  True]])
     """
 
     valid: Array
@@ -58,15 +81,64 @@ class Binding:
     notes: tuple[str, ...] = ()
 
     def common(self, faces: Array) -> Array:
-        """Return which photographs are valid for all corners of each face, (P, F) bool."""
+        """Return which photographs are valid for all corners of each face.
+
+        Parameters
+        ----------
+        faces : (F, 3) int array
+            The surface's triangles.
+
+        Returns
+        -------
+        (P, F) bool array
+            True if the photograph is valid for all three corners.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+        >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+        >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+        >>> binding = intaglio.bind_photographs(square, [front], background=None, device="cpu")
+        >>> binding.common(square.faces)
+        array([[ True,  True]])
+        """
         a, b, c = (self.valid[:, faces[:, k]] for k in range(3))
         return np.asarray(a & b & c)
 
     def triangle_class(self, faces: Array) -> Array:
-        """Return the paper's class of each face, (F,) uint8.
+        """Return the class of each face by the photographs of its corners.
 
-        1: a photograph is valid for all three corners; 2: all corners have valid photographs, but none in common; 3: a corner
-        has none.
+        Parameters
+        ----------
+        faces : (F, 3) int array
+            The surface's triangles.
+
+        Returns
+        -------
+        (F,) uint8 array
+            1: a photograph is valid for all three corners; 2: all corners have valid photographs, but none in common; 3: a
+            corner has none.
+
+        References
+        ----------
+        Yamauchi, Lensch, Haber & Seidel, "Textures Revisited", The Visual Computer 21, 2005, section 4.1.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+        >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+        >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+        >>> binding = intaglio.bind_photographs(square, [front], background=None, device="cpu")
+        >>> binding.triangle_class(square.faces)
+        array([1, 1], dtype=uint8)
         """
         bound = np.asarray(self.valid.any(axis=0))[faces].all(axis=1)
         return np.where(self.common(faces).any(axis=0), 1, np.where(bound, 2, 3)).astype(np.uint8)
@@ -84,46 +156,73 @@ def bind_photographs(
 ) -> Binding:
     """Find, for every vertex, the photographs that show it.
 
-    A photograph is valid for a vertex that lies in it, faces the camera, is no silhouette vertex (all its faces are turned to
-    the camera), has nothing of the mesh between it and the camera, and does not have the colour of the photograph's background.
+    A photograph is valid for a vertex if the vertex lies in it, faces the camera, is not on the silhouette (all its faces are
+    turned to the camera), is not hidden by the surface, and does not have the colour of the photograph's background.
 
     Parameters
     ----------
     surface : Surface
+        The surface that the photographs show; it must have faces.
     photographs : sequence of Photograph
-    background : "auto", (3,) array or None
-        Linear colour of what is behind the object. ``"auto"`` takes that of a photograph's border where nearly all of it has
-        one colour; None compares nothing. Where a photograph has alpha, that decides.
-    background_threshold : float
-        Distance of display values within which a vertex is on the background: of the median of 3 x 3 pixels, under a 3 x 3
-        Gaussian.
-    grazing : float
-        Degrees between normal and line of sight from which a vertex is not seen well enough, up to 90.
+        At least one, each with its own name.
+    background : "auto", (3,) array or None, optional
+        Linear colour behind the object. ``"auto"`` takes the colour of a photograph's border if nearly all of it has one
+        colour; None compares nothing. The alpha channel of a photograph takes precedence.
+    background_threshold : float, optional
+        Distance of display values, above 0 up to 2, within which a vertex is on the background. The colour of a vertex is the
+        median of 3 x 3 pixels, smoothed by a 3 x 3 Gaussian.
+    grazing : float, optional
+        Degrees between normal and line of sight, above 0 up to 90, from which a vertex is not seen well enough.
     device : str, optional
-        ``"cpu"``, ``"cuda:0"``; default CUDA if there is one.
+        ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with photographs done and all.
+        Called with the photographs done and all.
+
+    Returns
+    -------
+    Binding
+        ``.valid`` (P, N) says which photographs show which vertices, ``.color`` (P, N, 3) in what colour.
 
     Raises
     ------
     InputError
-        If there are no photographs, one does not fit its calibration, or none shows any of the mesh.
+        If there are no photographs, one does not fit its calibration, or none shows any of the surface.
 
     Warns
     -----
     IntaglioWarning
-        For photographs that show nothing of the mesh; they are left without valid vertices.
+        For photographs that show nothing of the surface; they are left without valid vertices.
+
+    See Also
+    --------
+    intaglio.combine_photographs : Makes a texture of the bound photographs.
 
     References
     ----------
-    Yamauchi et al., Textures revisited (2005), section 4.1.
+    Yamauchi et al., "Textures Revisited", The Visual Computer 21, 2005, section 4.1. Rocchini et al., "Multiple Textures
+    Stitching and Blending on 3D Objects", Eurographics Workshop on Rendering 1999.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:3, :3] / 2.0
+    >>> vertices = np.stack([x, y, 0 * x], axis=2).reshape(-1, 3)
+    >>> corner = (np.arange(2)[:, None] * 3 + np.arange(2)).reshape(-1, 1)
+    >>> square = intaglio.Surface(vertices=vertices, faces=np.concatenate([corner + [0, 1, 4], corner + [0, 4, 3]]))
+    >>> turn = np.diag([1.0, -1.0, -1.0])
+    >>> camera = intaglio.Camera(K=[[60, 0, 40], [0, 60, 40], [0, 0, 1]], R=turn, t=-turn @ [0.5, 0.5, 1.2])
+    >>> photograph = intaglio.Photograph(camera=camera, picture=np.full((80, 80, 3), 0.5, np.float32), name="above")
+    >>> binding = intaglio.bind_photographs(square, [photograph], background=None, device="cpu")
+    >>> binding.names, bool(binding.valid.all())
+    (('above',), True)
     """
-    photographs = checked_photographs(photographs)
+    photographs = checked_photographs("photographs", photographs)
     for name, value, most in (("grazing", grazing, 90), ("background_threshold", background_threshold, 2)):
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0 < value <= most:
             raise InputError(f"{name} must be a number above 0, up to {most}, not {value!r}")
     if not isinstance(surface, Surface):
-        raise InputError(f"surface must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+        raise InputError(f"surface must be a Surface (read_surface gives one), not {type(surface).__name__}")
     chosen = device_or_error(device)
     if len(surface.faces) == 0:
         raise InputError("the surface has no faces; photographs can't be bound to points alone")
@@ -186,19 +285,19 @@ def bind_photographs(
     return Binding(valid, cosine, pixel, color, tuple(p.name for p in photographs), tuple(notes))
 
 
-def checked_photographs(photographs: Any) -> list[Photograph]:
+def checked_photographs(name: str, value: Any) -> list[Photograph]:
     """Return a list of at least one photograph, or raise `InputError`."""
-    if isinstance(photographs, Photograph):
-        photographs = [photographs]
+    if isinstance(value, Photograph):
+        value = [value]
     try:
-        found = list(photographs)
+        found = list(value)
     except TypeError:
-        raise InputError(f"photographs must be a sequence of them, not {type(photographs).__name__}") from None
+        raise InputError(f"{name} must be a sequence of Photograph objects, not {type(value).__name__}") from None
     if not found:
-        raise InputError("there are no photographs")
+        raise InputError(f"there are no {name}; give at least one")
     for one in found:
         if not isinstance(one, Photograph):
-            raise InputError(f"photographs must be Photograph objects (read_photographs gives them), not {type(one).__name__}")
+            raise InputError(f"{name} must be Photograph objects (read_photographs gives them), not {type(one).__name__}")
         if not isinstance(one.camera, Camera):
             raise InputError(f"{one.name}: its camera must be a Camera, not {type(one.camera).__name__}")
     names = [one.name for one in found]

@@ -9,7 +9,7 @@ from scipy import ndimage
 from intaglio.arrays import Array
 from intaglio.kernels.pyramids import add_band, collapsed, expanded, normalized, reduced, uploaded
 
-# The coarsest level has no side shorter than this.
+# The least side of the coarsest level.
 _LEAST_SIDE = 8
 
 
@@ -18,7 +18,7 @@ _BROAD = 3
 
 
 class ChartBlend:
-    """The spline for each chart by itself: what lies beside a chart in the texture need not do so on the surface.
+    """The spline for each chart by itself, since neighbours in the texture need not be neighbours on the surface.
 
     Many small charts are blended together, over so few levels that they hardly reach each other.
 

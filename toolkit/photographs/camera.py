@@ -18,25 +18,40 @@ _ROTATION = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A pinhole camera: pixel = K (R X + t), x right, y down, z forwards; pixel centres at whole numbers, from (0, 0).
+    """Pinhole camera: a point X appears at pixel K (R X + t).
 
-    Attributes
+    In the camera's coordinates x is right, y down and z forwards. Pixel centres are whole numbers, from (0, 0).
+
+    Parameters
     ----------
-    K : (3, 3) float64 array
-        Intrinsics in pixels, upper triangular, last row 0 0 1.
-    R : (3, 3) float64 array
-        Rotation from world to camera.
-    t : (3,) float64 array
-        Translation, in the mesh's unit.
-    size : (int, int), optional
-        Rows and columns of the photograph that was calibrated.
-    distortion : (2,) float64 array
-        Radial: r (1 + k1 r^2 + k2 r^4) at distance r from the axis, before K.
+    K : (3, 3) array
+        Intrinsics in pixels: upper triangular, with positive focal lengths and the last row 0 0 1 (or a multiple of it).
+    R : (3, 3) array
+        Rotation from the world's coordinates to the camera's. It is replaced by the nearest exact rotation.
+    t : (3,) array
+        Translation, in the surface's unit of length.
+    size : (int, int) or None, optional
+        Rows and columns of the photographs for which the camera is calibrated. Default None: not known, so not checked.
+    distortion : (2,) array, optional
+        Radial distortion k1, k2: distance r from the axis becomes r (1 + k1 r^2 + k2 r^4), before K. Default none.
 
     Raises
     ------
     InputError
-        If K is no such matrix, R no rotation, or anything is not finite.
+        If K is not such a matrix, R not a rotation, the size not two whole numbers, or a value is not finite.
+
+    See Also
+    --------
+    intaglio.read_photographs : Read cameras and photographs from files.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+    >>> pixel, depth = camera.project(np.array([[0.5, 0.25, 0.0]]))
+    >>> print(pixel, depth)
+    [[19.5 13.5]] [2.]
     """
 
     K: Array
@@ -50,7 +65,7 @@ class Camera:
             try:
                 value = np.array(getattr(self, name), np.float64)
             except (TypeError, ValueError) as problem:
-                raise InputError(f"{name} is no array of numbers ({problem})") from problem
+                raise InputError(f"{name} is not an array of numbers ({problem})") from problem
             if name == "t" and value.size == 3:
                 value = value.reshape(3)
             if value.shape != shape:
@@ -73,21 +88,49 @@ class Camera:
         object.__setattr__(self, "K", k)
         off = float(np.abs(self.R @ self.R.T - np.eye(3)).max())
         if off > _ROTATION:
-            raise InputError(f"R is no rotation: R times its transpose differs from the identity by {off:.3g}")
+            raise InputError(f"R is not a rotation: R times its transpose differs from the identity by {off:.3g}")
         if np.linalg.det(self.R) < 0:
-            raise InputError("R is a reflection, its determinant is -1; turn the sign of an axis")
-        # The nearest rotation: six printed digits leave pixels off by a hundredth.
+            raise InputError("R is a reflection, its determinant is -1; reverse the sign of one axis")
+        # The nearest rotation is taken, since with six printed digits pixels would be wrong by a hundredth.
         left, _, right = np.linalg.svd(self.R)
         object.__setattr__(self, "R", left @ right)
 
     @property
     def center(self) -> Array:
-        """Where the camera stands, (3,): -R^T t."""
+        """Position of the camera in the world, -R^T t.
+
+        Returns
+        -------
+        (3,) float64 array
+            Position in the surface's unit of length.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.Camera(K=np.eye(3), R=np.diag([1.0, -1, -1]), t=[0, 0, 2]).center
+        array([0., 0., 2.])
+        """
         return np.asarray(-self.R.T @ self.t)
 
     @property
     def reach(self) -> float:
-        """Squared distance from the axis, before distortion, at which the distortion turns back on itself; infinite if never."""
+        """Squared distance from the axis, before distortion, up to which the distortion is monotonic.
+
+        Returns
+        -------
+        float
+            Squared distance at depth 1; infinite if the distortion is monotonic everywhere.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.Camera(K=np.eye(3), R=np.eye(3), t=[0, 0, 2]).reach
+        inf
+        >>> round(intaglio.Camera(K=np.eye(3), R=np.eye(3), t=[0, 0, 2], distortion=[-1 / 3, 0]).reach, 6)
+        1.0
+        """
         k1, k2 = self.distortion
         # r (1 + k1 r^2 + k2 r^4) stops growing where 1 + 3 k1 s + 5 k2 s^2 = 0, s = r^2.
         roots = np.roots([5 * k2, 3 * k1, 1.0]) if k2 or k1 else np.zeros(0)
@@ -95,7 +138,31 @@ class Camera:
         return float(real.min()) if len(real) else np.inf
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Return pixels (N, 2) and depths (N,) of points (N, 3); pixels are NaN where it sees nothing."""
+        """Return where points appear in the picture.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            Positions in the world, in the surface's unit of length.
+
+        Returns
+        -------
+        pixel : (N, 2) float64 array
+            Positions x, y in pixels, from the centre of the upper left pixel, inside the picture or not; NaN for points
+            behind the camera or beyond the reach of its distortion.
+        depth : (N,) float64 array
+            Distances along the camera's axis, negative behind it.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.eye(3), t=[0, 0, 2])
+        >>> pixel, depth = camera.project(np.array([[0.5, 0.0, 0.0], [0.0, 0.0, -3.0]]))
+        >>> print(pixel, depth)
+        [[19.5 15.5]
+         [ nan  nan]] [ 2. -1.]
+        """
         seen = np.asarray(points, np.float64) @ self.R.T + self.t
         depth = seen[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -108,14 +175,30 @@ class Camera:
 
 @dataclass(frozen=True, kw_only=True)
 class Photograph:
-    """A photograph and its camera.
+    """Photograph with its calibrated camera.
 
-    Attributes
+    Parameters
     ----------
     camera : Camera
-    picture : (H, W, 3) float32 array of linear values, or a path
-        A path is read each time it is asked for, so that many photographs need little memory.
-    name : str
+        The camera, calibrated for pictures of this size.
+    picture : (H, W), (H, W, 3) or (H, W, 4) float array, or path
+        Linear values, of at least 4 x 4 pixels, or an image file. A fourth channel tells where the object is. A file is read
+        each time it is needed, so that many photographs take little memory.
+    name : str, optional
+        Name of the photograph in messages and in the coverage of a texture. Default "photograph".
+
+    See Also
+    --------
+    intaglio.read_photographs : Read photographs and cameras from files.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.eye(3), t=[0, 0, 2])
+    >>> photograph = intaglio.Photograph(camera=camera, picture=np.full((32, 32), 0.5), name="front")
+    >>> photograph.image.shape
+    (32, 32, 3)
     """
 
     camera: Camera
@@ -124,16 +207,51 @@ class Photograph:
 
     @property
     def image(self) -> Array:
-        """Linear values, (H, W, 3) float32; see `read`."""
+        """Linear values of the picture.
+
+        Returns
+        -------
+        (H, W, 3) float32 array
+            The first of what `read` returns; row 0 is the top.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> camera = intaglio.Camera(K=[[4, 0, 3.5], [0, 4, 3.5], [0, 0, 1]], R=np.eye(3), t=[0, 0, 2])
+        >>> intaglio.Photograph(camera=camera, picture=np.full((8, 8), 0.5)).image[0, 0]
+        array([0.5, 0.5, 0.5], dtype=float32)
+        """
         return self.read()[0]
 
     def read(self) -> tuple[Array, Array | None]:
-        """Return linear values (H, W, 3) float32, and where the picture's alpha says that the object is, (H, W) bool or None.
+        """Return the picture's linear values, and where its alpha channel shows the object.
+
+        Returns
+        -------
+        values : (H, W, 3) float32 array
+            Linear values; row 0 is the top.
+        mask : (H, W) bool array or None
+            Where alpha is over one half; None for a picture without alpha.
 
         Raises
         ------
         InputError
-            If the size is not the calibration's, or values are not finite.
+            If the size is not the calibration's, the principal point lies outside the picture, or values are integers or not
+            finite.
+        FileError
+            If the file is missing or damaged.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> camera = intaglio.Camera(K=[[4, 0, 3.5], [0, 4, 3.5], [0, 0, 1]], R=np.eye(3), t=[0, 0, 2])
+        >>> picture = np.full((8, 8, 4), 0.5)
+        >>> picture[:, :4, 3] = 1.0
+        >>> values, mask = intaglio.Photograph(camera=camera, picture=picture).read()
+        >>> values.shape, int(mask.sum())
+        ((8, 8, 3), 32)
         """
         stored = isinstance(self.picture, str | os.PathLike)
         values = read_image(self.picture) if stored else np.asarray(self.picture)  # type: ignore[arg-type]

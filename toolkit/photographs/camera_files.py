@@ -17,29 +17,50 @@ from intaglio.photographs.camera import Camera, Photograph
 
 
 def read_photographs(path: PathLike, *, images: PathLike | None = None) -> list[Photograph]:
-    """Read cameras and find their photographs. The pictures themselves are read when they are needed.
+    """Read cameras and find their photographs; the pictures themselves are read when they are needed.
 
     Parameters
     ----------
     path : path
-        One of:
+        One of these:
 
-        - ``.json``: a list of views, or an object of views by name. A view has ``K`` and ``R`` (3 x 3), ``t`` (R X + t) or ``C``
-          (the camera's place), and may have ``image`` (file name; default the view's name), ``width`` and ``height``,
-          ``distortion`` (k1, k2), and ``present``: false to be left out;
-        - a folder with COLMAP's ``cameras.txt`` and ``images.txt``, or one of these files;
-        - ``.out``: Bundler, with ``list.txt`` beside it;
-        - ``.nvm``: VisualSFM;
-        - ``.txt``: Middlebury's ``_par.txt`` (name, K, R, t on a line).
+        * ``.json``: a list of views, or an object of views by name. A view has ``K`` and ``R`` (3 x 3), ``t`` (R X + t) or
+          ``C`` (the camera's position), and may have ``image`` (file name; default the view's name), ``width`` and
+          ``height``, ``distortion`` (k1, k2), and ``present``: false to be left out;
+        * a folder with COLMAP's ``cameras.txt`` and ``images.txt``, or one of these files;
+        * ``.out``: Bundler, with ``list.txt`` beside it;
+        * ``.nvm``: VisualSFM;
+        * ``.txt``: Middlebury's ``_par.txt`` (name, K, R, t on a line).
     images : path, optional
-        Folder of the photographs. Default: where the cameras are, or a folder ``images`` there.
+        Folder of the photographs. Default None: where the cameras are, or a folder ``images`` there or beside it.
+
+    Returns
+    -------
+    list of Photograph
+        One per view, each with its own name.
 
     Raises
     ------
     FileError
-        If a file is missing, or is no camera file.
+        If a file is missing, or can't be read as cameras.
     InputError
-        If a calibration is not usable; the message names the view.
+        If a calibration is not usable, there is no view, or two have one name; the message names the view.
+
+    Examples
+    --------
+    >>> import json
+    >>> import pathlib
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> view = {"K": [[4, 0, 3.5], [0, 4, 3.5], [0, 0, 1]], "R": np.eye(3).tolist(), "t": [0, 0, 2]}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     intaglio.write_image(np.full((8, 8, 3), 0.5), f"{folder}/front.png")
+    ...     _ = pathlib.Path(folder, "cameras.json").write_text(json.dumps({"front.png": view}))
+    ...     photographs = intaglio.read_photographs(f"{folder}/cameras.json")
+    ...     shape = photographs[0].image.shape
+    >>> photographs[0].name, shape
+    ('front.png', (8, 8, 3))
     """
     path = Path(path)
     if path.is_dir():
@@ -50,7 +71,7 @@ def read_photographs(path: PathLike, *, images: PathLike | None = None) -> list[
     reader = _reader(path)
     folders = [Path(images)] if images is not None else [path.parent, path.parent / "images", path.parent.parent / "images"]
     if images is not None and not Path(images).is_dir():
-        raise FileError(f"{images}: is no folder")
+        raise FileError(f"{images}: is not a folder")
     found: list[Photograph] = []
     try:
         for name, camera in reader(path):
@@ -68,7 +89,7 @@ def read_photographs(path: PathLike, *, images: PathLike | None = None) -> list[
         OverflowError,
         OSError,
     ) as problem:
-        raise FileError(f"{path}: is no readable camera file ({type(problem).__name__}: {problem})") from problem
+        raise FileError(f"{path}: is not a readable camera file ({type(problem).__name__}: {problem})") from problem
     if not found:
         raise InputError(f"{path}: holds no view")
     names = [p.name for p in found]
@@ -118,7 +139,7 @@ def _json_views(path: Path) -> Iterator[_View]:
     try:
         data = json.loads(path.read_text("utf-8-sig"), object_pairs_hook=_without_repeats)
     except json.JSONDecodeError as problem:
-        raise FileError(f"{path}: is no JSON ({problem})") from problem
+        raise FileError(f"{path}: is not JSON ({problem})") from problem
     if isinstance(data, dict) and isinstance(data.get("views"), list | dict):
         data = data["views"]
     if isinstance(data, list):
@@ -144,7 +165,7 @@ def _json_views(path: Path) -> Iterator[_View]:
         shift = np.asarray(view["t"], np.float64) if "t" in view else -turn @ np.asarray(view["C"], np.float64).reshape(3)
         size = (int(view["height"]), int(view["width"])) if {"width", "height"} <= view.keys() else None
         values = {"K": view["K"], "R": turn, "t": shift, "size": size, "distortion": view.get("distortion", (0.0, 0.0))}
-        yield name, partial(_made, name, path, values)
+        yield name, partial(_make_photograph, name, path, values)
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -156,7 +177,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _rows(path: Path) -> list[list[str]]:
-    """Return the words of each line that is no comment."""
+    """Return the words of each line that is not a comment."""
     lines = path.read_text("utf-8").splitlines()
     return [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
@@ -223,7 +244,7 @@ def _colmap_views(path: Path) -> Iterator[_View]:
             continue
         name, turn, shift = row[9], _turn(*map(float, row[1:5])), [float(v) for v in row[5:8]]
         values = {**cameras[row[8]], "R": turn, "t": shift}
-        yield name, partial(_made, name, path, values)
+        yield name, partial(_make_photograph, name, path, values)
 
 
 def _centred(name: str, path: Path, focal: float, values: dict[str, Any], folders: list[Path]) -> Camera:
@@ -256,7 +277,7 @@ def _nvm_views(path: Path) -> Iterator[_View]:
     """A line a view: name, focal length, quaternion w x y z, centre, radial distortion, 0."""
     rows = _rows(path)
     if not rows[0][0].startswith("NVM_V3"):
-        raise FileError(f"{path}: is no NVM_V3 file")
+        raise FileError(f"{path}: is not an NVM_V3 file")
     # One calibration for all: fx cx fy cy, then a distortion.
     fixed = None
     if len(rows[0]) >= 6 and rows[0][1] == "FixedK":
@@ -272,7 +293,7 @@ def _nvm_views(path: Path) -> Iterator[_View]:
         turn = _turn(*numbers[1:5])
         if fixed is not None:
             values = {"K": fixed, "R": turn, "t": -turn @ np.array(numbers[5:8])}
-            yield name, partial(_made, name, path, values)
+            yield name, partial(_make_photograph, name, path, values)
             continue
         if numbers[8] != 0:
             raise InputError(f"{path}: view {name} has VisualSFM's radial distortion; export undistorted images")
@@ -292,4 +313,4 @@ def _middlebury_views(path: Path) -> Iterator[_View]:
             raise InputError(f"{path}: view {row[0]} has {len(row) - 1} numbers, not 21")
         numbers = np.array([float(v) for v in row[1:]])
         values = {"K": numbers[:9].reshape(3, 3), "R": numbers[9:18].reshape(3, 3), "t": numbers[18:]}
-        yield row[0], partial(_made, row[0], path, values)
+        yield row[0], partial(_make_photograph, row[0], path, values)

@@ -125,11 +125,11 @@ def combine_photographs(
     >>> bool(np.allclose(made.image[made.known], [0.2, 0.5, 0.3], atol=1e-4))
     True
     """
-    photographs = checked_photographs(photographs)
+    photographs = checked_photographs("photographs", photographs)
     checked_choice("select", select, ("best", "average"))
     checked_choice("blend", blend, ("spline", "none"))
     if not isinstance(surface, Surface):
-        raise InputError(f"surface must be a Surface (read_surface gives one), not {type(mesh).__name__}")
+        raise InputError(f"surface must be a Surface (read_surface gives one), not {type(surface).__name__}")
     if binding is not None and not isinstance(binding, Binding):
         raise InputError(f"binding must come from bind_photographs, it is a {type(binding).__name__}")
     chosen = device_or_error(device)
@@ -172,7 +172,7 @@ def combine_photographs(
     views = SurfaceViews(surface.vertices, vertex_normals(surface.vertices, surface.faces), surface.faces, chosen)
     sampler = views.texels(face, weight, positions, corners, surface.vertices, surface.faces)
 
-    # Where no photograph is left after shrinking, those that see the face still do better than none.
+    # Faces that lose all photographs by shrinking keep those that see them.
     inner = shrink_regions(common, surface.faces, len(surface.vertices))
     used = np.where(inner.any(axis=0), inner, common) if blend == "spline" else common
     if select == "best":
@@ -195,7 +195,7 @@ def combine_photographs(
             coverage.add(i, mask)
             image += sampled[:, :, :3] * mask[:, :, None]
             if spline is not None:
-                # Detail from one photograph, what is broader from all: that levels out their different light.
+                # Detail comes from one photograph and broader structures from all, which evens out their different light.
                 spline.add(sampled[:, :, :3], defined, mask, facing * used[i][face] if select == "best" else None)
         if progress is not None:
             progress(total - len(photographs) + i + 1, total)

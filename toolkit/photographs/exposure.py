@@ -7,7 +7,7 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.photographs.binding import Binding
 
-# Linear values outside this are noise or clipped, and say nothing about ratios.
+# Linear values outside of this range are noise or clipped.
 _DARKEST, _BRIGHTEST = 0.01, 0.95
 
 # Vertices that two photographs must share.
@@ -37,7 +37,7 @@ def exposure_gains(binding: Binding) -> Array:
     if not rows:
         return np.ones((count, 3))
     weight = np.array(weights)[:, None]
-    # A little pull towards 1 settles what no overlap does.
+    # A weak preference for 1 determines the factors that no overlap does.
     system = np.concatenate([np.array(rows) * weight, 1e-3 * np.eye(count)])
     right = np.concatenate([np.array(ratios) * weight, np.zeros((count, 3))])
     found = np.linalg.lstsq(system, right, rcond=None)[0]

@@ -16,7 +16,7 @@ from intaglio.photographs.assess import border_step
 from intaglio.photographs.texture import Texture
 from intaglio.render import frame, lit_texture
 
-# Colours that stand for photographs, in turn; made-up texels are dark, what is outside is white.
+# Colours that represent the photographs in turn; made-up texels are dark, texels outside are white.
 _TINTS = np.array(
     [
         [0.30, 0.55, 0.85],
@@ -32,7 +32,7 @@ _TINTS = np.array(
 )
 _MADE_UP = np.array([0.15, 0.15, 0.15])
 
-# Pictures of textures are no larger than this.
+# The largest side of a picture of a texture, in pixels.
 _SHOWN = 1024
 
 
@@ -44,7 +44,7 @@ def coverage_picture(texture: Texture) -> Array:
 
 
 def viewpoints(surface: Surface, view: ArrayLike | None) -> list[tuple[str, Array]]:
-    """Return (name, direction) of four views about the mesh, the first the given one, or where most of it faces."""
+    """Return names and directions of four views; the first is the given one, or the one that most of the surface faces."""
     corner = surface.vertices[surface.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     front = np.asarray(view, np.float64) if view is not None else normal.sum(axis=0)
@@ -65,7 +65,7 @@ def viewpoints(surface: Surface, view: ArrayLike | None) -> list[tuple[str, Arra
 def textured_views(
     surface: Surface, uv: Parameterization, image: Array, view: ArrayLike | None, *, size: tuple[int, int] = (480, 480)
 ) -> dict[str, Array]:
-    """Return the textured mesh from four sides, evenly lit, linear."""
+    """Return pictures (H, W, 3) of the textured surface from four sides, evenly lit, linear, by name."""
     vertices = surface.vertices[uv.vertex]
     found = {}
     for name, direction in viewpoints(surface, view):

@@ -10,7 +10,7 @@ from intaglio.arrays import Array
 from intaglio.mesh import Surface, directed_edges, following, opposite_edges, unique_edges
 from intaglio.sparse import solve_symmetric
 
-# Weight of agreement across a seam, and of leaving vertices as they are, against smoothness along an edge.
+# Weights, relative to smoothness along an edge, of agreement across a seam and of leaving vertices as they are.
 _AGREE, _STAY = 100.0, 0.01
 
 

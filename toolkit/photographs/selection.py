@@ -37,7 +37,7 @@ def choose_photographs(binding: Binding, faces: Array, allowed: Array) -> Array:
     corner = binding.pixel[:, faces]
     p, q = corner[:, :, 1] - corner[:, :, 0], corner[:, :, 2] - corner[:, :, 0]
     pixels = np.where(allowed, np.abs(p[:, :, 0] * q[:, :, 1] - p[:, :, 1] * q[:, :, 0]), 0)
-    # Faces differ in size: what counts is how much more one photograph has than another.
+    # Relative to the best photograph, since faces differ in size.
     score = (pixels / np.maximum(pixels.max(axis=0), 1e-12)).T
     number = len(faces)
     ones = np.ones(3 * number)

@@ -11,25 +11,46 @@ from intaglio.arrays import Array
 
 @dataclass(frozen=True)
 class Texture:
-    """An image over a surface.
+    """Image over a surface, with the photographs from which each texel comes.
 
     Attributes
     ----------
     image : (H, W, 3) float32 array
         Linear Rec.709; row 0 is at v = 1. Texels outside the charts continue their borders.
     known : (H, W) bool array
-        True where photographs show the surface; False where the colour was interpolated or restored, and outside.
+        True where photographs show the surface; False where the colour was interpolated or restored, and outside the charts.
     chart : (H, W) int32 array
         Number of the chart that a texel lies in, from 1; 0 outside.
     photograph : (H, W, k) int16 array
-        Coverage: numbers of the photographs that a known texel is made of, the strongest first; -1 for none.
+        Numbers of the photographs from which a known texel is made, the strongest first; -1 for none.
     weight : (H, W, k) float16 array
-        Their shares, adding up to 1 (of the k strongest).
+        Shares of these photographs; they add up to 1, of the k strongest.
     names : tuple of str
-        The photographs.
+        Names of the photographs.
     gains : (P, 3) float64 array
-        Factors by which their exposures were made to agree.
+        Factors by which the photographs' exposures were made to agree, per channel.
     notes : tuple of str
+        What was done on the way, as sentences for the user.
+
+    See Also
+    --------
+    intaglio.combine_photographs : Makes it from photographs.
+    intaglio.restore_texture : Fills the texels that no photograph shows.
+    intaglio.write_textured : Writes it with its surface.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+    >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+    >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+    >>> flat = intaglio.parameterize(square, device="cpu")
+    >>> texture = intaglio.combine_photographs(square, flat, [front], 16, background=None, device="cpu")
+    >>> texture.image[8, 8].round(3), bool(texture.known[8, 8])
+    (array([0.5, 0.3, 0.2], dtype=float32), True)
     """
 
     image: Array
@@ -43,12 +64,51 @@ class Texture:
 
     @property
     def inside(self) -> Array:
-        """Texels that lie on the surface, (H, W) bool."""
+        """Which texels lie on the surface.
+
+        Returns
+        -------
+        (H, W) bool array
+            False outside the charts.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+        >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+        >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+        >>> flat = intaglio.parameterize(square, device="cpu")
+        >>> texture = intaglio.combine_photographs(square, flat, [front], 16, background=None, device="cpu")
+        >>> int(texture.inside.sum())
+        256
+        """
         return np.asarray(self.chart > 0)
 
     @property
     def coverage(self) -> dict[str, float]:
-        """Share of the surface's texels that each photograph contributes, by name."""
+        """Share of the surface's texels that each photograph contributes.
+
+        Returns
+        -------
+        dict of str to float
+            Shares from 0 to 1 by the name of the photograph.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+        >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.diag([1.0, -1, -1]), t=[0, 0, 2])
+        >>> picture = np.zeros((32, 32, 3)) + [0.5, 0.3, 0.2]
+        >>> front = intaglio.Photograph(camera=camera, picture=picture, name="front")
+        >>> flat = intaglio.parameterize(square, device="cpu")
+        >>> intaglio.combine_photographs(square, flat, [front], 16, background=None, device="cpu").coverage
+        {'front': 1.0}
+        """
         texels = max(int(self.inside.sum()), 1)
         found = {}
         for number, name in enumerate(self.names):

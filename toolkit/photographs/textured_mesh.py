@@ -24,20 +24,22 @@ OUTSIDE, MADE_UP = 0, 1
 
 
 def write_textured(surface: Surface, uv: Parameterization, texture: Texture, path: PathLike) -> list[Path]:
-    """Write a mesh with its texture, and beside it which texels come from which photograph.
+    """Write a surface with its texture, and a picture that says which texels come from which photograph.
 
-    The colour picture is 8-bit sRGB. Its alpha says what was photographed (255) and what was made up (254, which no viewer
-    shows differently); the material is opaque. ``NAME.coverage.png`` holds a number for each texel: 0 outside, 1 made up, 2 and
-    on the photographs in their order.
+    The texture is written as 8-bit sRGB. Its alpha says what was photographed (255) and what was made up (254, which no viewer
+    shows differently); the material is opaque. ``NAME.coverage.png`` beside it holds a number for each texel: 0 outside, 1
+    made up, 2 and higher the photographs in their order.
 
     Parameters
     ----------
     surface : Surface
+        The surface that was textured.
     uv : Parameterization
-        Of this mesh.
+        From `parameterize`, of this surface.
     texture : Texture
+        From `combine_photographs` or `restore_texture`.
     path : path
-        .glb, .gltf (one file each) or .obj (with .mtl and .png beside it).
+        ``.glb`` and ``.gltf`` are one file each; ``.obj`` has ``.mtl`` and ``.png`` beside it.
 
     Returns
     -------
@@ -49,16 +51,36 @@ def write_textured(surface: Surface, uv: Parameterization, texture: Texture, pat
     FileError
         For another suffix, or if a file can't be written.
     InputError
-        If the parameterization is not the mesh's.
+        If ``uv`` does not belong to the surface.
+
+    See Also
+    --------
+    intaglio.combine_photographs, intaglio.restore_texture : Make the texture.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    >>> square = intaglio.Surface(vertices=corners, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> uv = intaglio.parameterize(square, device="cpu")
+    >>> grey, inside = np.full((16, 16, 3), 0.5, np.float32), np.ones((16, 16), bool)
+    >>> first, all_of_it = np.zeros((16, 16, 1), np.int16), np.ones((16, 16, 1), np.float16)
+    >>> texture = intaglio.Texture(grey, inside, inside.astype(np.int32), first, all_of_it, ("front",), np.ones((1, 3)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = intaglio.write_textured(square, uv, texture, f"{folder}/square.glb")
+    >>> [path.name for path in written]
+    ['square.glb', 'square.coverage.png']
     """
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in TEXTURED_SUFFIXES:
         raise FileError(f"{path}: a textured mesh can be written as {', '.join(TEXTURED_SUFFIXES)}, not {kind!r}")
     if not isinstance(uv, Parameterization):
-        raise InputError(f"the parameterization must come from parameterize, it is a {type(laid).__name__}")
+        raise InputError(f"uv must come from parameterize, it is a {type(uv).__name__}")
     if len(uv.faces) != len(surface.faces) or int(uv.vertex.max()) >= len(surface.vertices):
-        raise InputError("the parameterization belongs to another mesh: its faces or vertices are not this one's")
+        raise InputError("uv belongs to another surface: its faces or vertices are not those of this one")
     if kind != ".obj":
         check_single_precision(surface, path)
     written = files_of(path)

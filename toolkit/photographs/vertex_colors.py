@@ -8,7 +8,7 @@ from intaglio.arrays import Array
 from intaglio.mesh import adjacency
 from intaglio.photographs.binding import Binding
 
-# Shares of coloured neighbours that the paper's passes ask for; the last takes any.
+# Shares of coloured neighbours that the passes of section 4.1 require; the last accepts any.
 _PASSES = (0.8, 0.6, 0.4, 0.2, 0.0)
 
 

@@ -117,8 +117,8 @@ class PolynomialBasis:
 class HemisphericalBasis:
     """Hemispherical harmonics (Gautron et al., A Novel Hemispherical Basis, 2004) of order 2 (4 terms) or 3 (9 terms).
 
-    Spherical harmonics in which cos θ is replaced by 2 cos θ − 1. With r = √(cos θ − cos² θ) and the direction (u, v) of the tilt,
-    r cos φ = u r and so on, without trigonometry.
+    Spherical harmonics in which cos θ is replaced by 2 cos θ − 1. With r = √(cos θ − cos² θ) and the direction (u, v) of the
+    tilt, r cos φ = u r and so on, without trigonometry.
     """
 
     order: int

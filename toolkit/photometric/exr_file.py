@@ -104,7 +104,7 @@ def basis_from_parameters(parameters: dict[str, object]) -> Basis:
     try:
         basis: Basis = _BASES[name](**given)
     except TypeError as error:
-        raise InputError(f"basis {name!r} has parameters too few or too many ({error})") from error
+        raise InputError(f"basis {name!r} has too few or too many parameters ({error})") from error
     _check(basis)
     lights = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.96, 0.28]])
     if not np.isfinite(coefficients(basis, lights)).all():

@@ -177,8 +177,8 @@ def radial(name: str, squared: Any, maths: Any) -> Any:
 class RadialBasis:
     """Smooth interpolation over the hemisphere by radial functions about the lights, and a trend.
 
-    c(l) = Σᵢ φ(|p(l) − p(lᵢ)|) wᵢ + v₀ + Σⱼ vⱼ tⱼ(l); the trend's functions t are x, y, z (``"lambert"``, for which Lambert's law is
-    exact) or the coordinates p themselves (``"chart"``).
+    c(l) = Σᵢ φ(|p(l) − p(lᵢ)|) wᵢ + v₀ + Σⱼ vⱼ tⱼ(l); the trend's functions t are x, y, z (``"lambert"``, for which Lambert's
+    law is exact) or the coordinates p themselves (``"chart"``).
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ def read_stack(
     grey: bool = False,
     memory: int = MEMORY_BYTES,
 ) -> PhotometricStack:
-    """Read photographs of one scene under known lights.
+    r"""Read photographs of one scene under known lights.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def read_stack(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     for name, value in (("a", 0.25), ("b", 0.5)):
     ...         intaglio.write_image(np.full((4, 6), value), f"{folder}/{name}.png", bits=16)
-    ...     _ = pathlib.Path(folder, "capture.lp").write_text("a.png 0 0 1\\nb.png 0.6 0 0.8\\n")
+    ...     _ = pathlib.Path(folder, "capture.lp").write_text("a.png 0 0 1\nb.png 0.6 0 0.8\n")
     ...     stack = intaglio.read_stack(f"{folder}/capture.lp")
     >>> stack.shape
     (2, 4, 6, 1)

@@ -1,4 +1,4 @@
-"""How well a completion continues the measured relief: the papers' MSI, and what it does not see."""
+"""How well a completion continues the measured relief: the mean surface integral of Breckon & Fisher, and what it misses."""
 
 from __future__ import annotations
 
@@ -23,24 +23,54 @@ from intaglio.statistics import (
 
 @dataclass(frozen=True)
 class TruthComparison:
-    """The completion against the known surface.
+    """Differences between a completion and the known surface.
 
     Attributes
     ----------
     difference : (N,) float64 array
-        Relief minus true relief over the same base point, in the input's unit; NaN where the truth has none there.
+        Relief minus true relief over the same base point, in the input's unit; NaN where the truth has no surface.
     rms : float
-        Over filled vertices, in the input's unit.
+        Root mean square difference over the filled vertices, in the input's unit.
     measured_rms : float
-        The same over measured vertices: the scan's own noise.
+        Root mean square difference over the measured vertices, which is the scan's own noise; NaN if the truth covers none.
     msi : float
-        The truth's mean surface integral at the filled vertices.
+        Mean surface integral of the truth at the filled vertices, in the input's unit.
     msi_percent : float
-        The filled part's MSI against that, in percent.
+        Difference of the filled part's mean surface integral from the truth's, in percent of the truth's.
     displacement_emd : float
-        Earth mover's distance between filled and true displacement, in standard deviations of the true one.
+        Earth mover's distance between filled and true displacements, in standard deviations of the true ones.
     coverage : float
-        Share of filled vertices over which the truth has a surface.
+        Share of the filled vertices over which the truth has a surface, from 0 to 1.
+
+    See Also
+    --------
+    intaglio.assess_relief : Computes it, if it is given the truth.
+
+    References
+    ----------
+    Breckon & Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12), 2008,
+    section 3, eq. 3 and table 1.
+
+    Examples
+    --------
+    A sheet whose middle was "filled" with the truth itself:
+
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(x.ravel())])
+    >>> sheet = intaglio.surface_from_points(points, direction=(0, 0, -1))
+    >>> filled = (np.abs(sheet.vertices[:, :2] - 7.5) < 3).all(axis=1)
+    >>> completed = intaglio.Surface(
+    ...     vertices=sheet.vertices,
+    ...     faces=sheet.faces,
+    ...     base=sheet.vertices * [1, 1, 0],
+    ...     normal=np.tile([0.0, 0.0, 1.0], (256, 1)),
+    ...     measured=~filled,
+    ... )
+    >>> comparison = intaglio.assess_relief(completed, truth=sheet, device="cpu").truth
+    >>> round(comparison.rms, 6), comparison.coverage
+    (0.0, 1.0)
     """
 
     difference: Array
@@ -54,38 +84,73 @@ class TruthComparison:
 
 @dataclass(frozen=True)
 class ReliefReport:
-    """Measures of a completed surface. Lengths are in the input's unit.
+    """Measures of a completed surface: how its filled part compares with its measured part.
 
     Attributes
     ----------
     measured_count, filled_count : int
-        Vertices.
+        Number of measured and of filled vertices that some face uses.
     msi_measured, msi_filled : float
-        Mean surface integral (paper 001, eq. 3).
+        Mean surface integrals: mean signed displacements of the two parts, in the input's unit.
     msi_percent : float
-        The papers' "% difference", 100 (filled - measured) / |measured|. Where the measured MSI is small against the
-        relief's spread (a base through the middle of the relief) this quotient says little: see ``msi_deviations``.
+        Breckon & Fisher's "% difference", 100 (filled − measured) / |measured|. If the measured integral is small against the
+        spread of the relief, as for a base through its middle, this quotient says little, unlike ``msi_deviations``.
     msi_deviations : float
-        (filled - measured) in units of the measured relief's standard deviation.
+        Difference filled − measured of the integrals, in standard deviations of the measured relief.
     std_measured, std_filled : float
-        Standard deviation of the displacement.
+        Standard deviations of the displacements, in the input's unit.
     displacement_emd : float
-        Earth mover's distance of the displacements, in measured standard deviations.
+        Earth mover's distance between the displacements of the two parts, in measured standard deviations.
     normal_emd : float
-        The same of the angle between surface normal and base normal.
+        Earth mover's distance between the angles from the base normal to the surface normal, likewise.
     seam : float
-        Jumps across measured/filled edges against jumps inside the measured part over the same distances; 1: no seam.
-    wavelength, spectrum_measured, spectrum_filled : (K,) arrays
-        Roughness spectra.
+        Steps over edges from measured to filled vertices, relative to steps inside the measured part over edges of the same
+        length; 1 means no seam, NaN that no edge crosses it.
+    wavelength : (K,) array
+        Wavelengths of the roughness spectra, in the input's unit.
+    spectrum_measured, spectrum_filled : (K,) arrays
+        Power of the roughness at these wavelengths, in the fourth power of the input's unit.
     color_overlap : (3,) array or None
-        Shared area of the measured and filled colour histograms per channel (display values), 1 for equal ones.
+        Shared area of the measured and filled colour histograms of each channel (display values); 1 for equal ones. None
+        without colours.
     color_emd : (3,) array or None
-        Earth mover's distance of the same, in measured standard deviations.
-    displacement, filled : (N,) arrays
-        Signed displacement of every vertex, and whether it was filled.
+        Earth mover's distance between the colours likewise, in measured standard deviations.
+    displacement : (N,) array
+        Signed displacement of every vertex, in the input's unit.
+    filled : (N,) bool array
+        Whether the vertex was filled and some face uses it.
     normal_deviation : (N,) array
-        Degrees.
+        Angle between surface normal and base normal at every vertex, in degrees.
     truth : TruthComparison or None
+        Differences from the known surface, if that was given.
+
+    See Also
+    --------
+    intaglio.assess_relief : Computes it.
+
+    References
+    ----------
+    Breckon & Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12), 2008,
+    section 3, eq. 3 and table 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(x.ravel())])
+    >>> sheet = intaglio.surface_from_points(points, direction=(0, 0, -1))
+    >>> filled = (np.abs(sheet.vertices[:, :2] - 7.5) < 3).all(axis=1)
+    >>> completed = intaglio.Surface(
+    ...     vertices=sheet.vertices,
+    ...     faces=sheet.faces,
+    ...     base=sheet.vertices * [1, 1, 0],
+    ...     normal=np.tile([0.0, 0.0, 1.0], (256, 1)),
+    ...     measured=~filled,
+    ... )
+    >>> report = intaglio.assess_relief(completed, device="cpu")
+    >>> report.measured_count, report.filled_count
+    (220, 36)
     """
 
     measured_count: int
@@ -110,7 +175,31 @@ class ReliefReport:
     truth: TruthComparison | None
 
     def lines(self) -> list[str]:
-        """Return the figures as lines of text."""
+        """Return the figures as lines of text.
+
+        Returns
+        -------
+        list of str
+            Sentences for the user, one line each.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+        >>> points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(x.ravel())])
+        >>> sheet = intaglio.surface_from_points(points, direction=(0, 0, -1))
+        >>> filled = (np.abs(sheet.vertices[:, :2] - 7.5) < 3).all(axis=1)
+        >>> completed = intaglio.Surface(
+        ...     vertices=sheet.vertices,
+        ...     faces=sheet.faces,
+        ...     base=sheet.vertices * [1, 1, 0],
+        ...     normal=np.tile([0.0, 0.0, 1.0], (256, 1)),
+        ...     measured=~filled,
+        ... )
+        >>> intaglio.assess_relief(completed, device="cpu").lines()[0]
+        'vertices: 220 measured, 36 filled'
+        """
         out = [
             f"vertices: {self.measured_count} measured, {self.filled_count} filled",
             f"mean surface integral: measured {self.msi_measured:.6g}, filled {self.msi_filled:.6g}, difference "
@@ -137,25 +226,54 @@ class ReliefReport:
 
 
 def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str | None = None) -> ReliefReport:
-    """Measure how the filled part continues the measured one, and, given it, how both compare with the truth.
+    """Measure how well the filled part of a surface continues the measured one, and how both compare with the truth.
 
     Parameters
     ----------
     surface : Surface
-        From `complete_relief`, or read back from its PLY.
+        From `complete_relief`, or read back from the PLY that was written of it.
     truth : Surface, optional
-        The known surface, in the same coordinates.
+        The known surface, with faces, in the same coordinates. Default None: not known.
     device : str, optional
-        "cpu", "cuda:0"; default CUDA if there is one.
+        Where distances from the truth are computed, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else
+        the CPU.
+
+    Returns
+    -------
+    ReliefReport
+        Figures of the two parts, and the displacements and angles of every vertex.
 
     Raises
     ------
     InputError
-        If nothing was filled or nothing measured.
+        If an argument is not a surface, no vertex was filled or none measured, the truth has no faces or does not cover the
+        filled part, or the device does not exist.
 
     References
     ----------
-    Breckon & Fisher, TPAMI 2008, section 3, eq. 3 and table 1.
+    Breckon & Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12), 2008,
+    section 3, eq. 3 and table 1.
+
+    Examples
+    --------
+    A sheet with waves whose middle was filled:
+
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(x.ravel())])
+    >>> sheet = intaglio.surface_from_points(points, direction=(0, 0, -1))
+    >>> filled = (np.abs(sheet.vertices[:, :2] - 7.5) < 3).all(axis=1)
+    >>> completed = intaglio.Surface(
+    ...     vertices=sheet.vertices,
+    ...     faces=sheet.faces,
+    ...     base=sheet.vertices * [1, 1, 0],
+    ...     normal=np.tile([0.0, 0.0, 1.0], (256, 1)),
+    ...     measured=~filled,
+    ... )
+    >>> report = intaglio.assess_relief(completed, device="cpu")
+    >>> report.filled_count, report.displacement_emd < 0.2, report.seam < 1.5
+    (36, True, True)
     """
     for name, value in (("surface", surface), ("truth", truth)):
         if not isinstance(value, Surface) and not (name == "truth" and value is None):
@@ -193,7 +311,7 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
             relief,
             surface.faces,
             measured,
-            # The base of a filling was made up: a step in it is a seam as well.
+            # The smooth base of a filling is made up too, so a step in it counts as a seam.
             surface.normal if isinstance(surface.model, SmoothBase) else None,
         ),
         wavelength=wavelength,
@@ -234,7 +352,7 @@ def _against_truth(
 
 
 def _by_channel(measure: Callable[[Array, Array], float], surface: Surface, measured: Array, filled: Array) -> Array | None:
-    """A measure of filled against measured display values, for each of the three channels."""
+    """Return a measure of filled against measured display values for each of the three channels, or None without colours."""
     if surface.color is None:
         return None
     from intaglio.kernels.transfer import encode_srgb

@@ -1,4 +1,4 @@
-"""One HTML report of a completion: pictures inlined, figures, distributions; works offline."""
+"""Reports of completions: one HTML file with pictures, figures and distributions, which works offline."""
 
 from __future__ import annotations
 
@@ -46,26 +46,62 @@ def write_relief_report(
     surface : Surface
         From `complete_relief`.
     path : path
-        The .html file.
+        The .html file. It appears whole, or stays as it was.
     report : ReliefReport, optional
-        From `assess_relief`; made here if not given.
+        From `assess_relief`. Default None: computed here.
     truth : Surface, optional
-        The known surface: rendered beside, and its difference in colour.
-    title : str
+        The known surface, in the same coordinates: it is rendered beside the completion, and the difference from it is shown
+        in colour. Default None: not known.
+    title : str, optional
+        Heading of the page.
     scan : Surface, optional
-        The scan alone, rendered beside.
-    extra : sequence of str
-        Further lines for the figures.
-    size : int
-        Width and height of each picture, in pixels.
+        The scan before completion, rendered beside it. Default None.
+    extra : sequence of str, optional
+        Further lines for the list of figures. Default none.
+    size : int, optional
+        Rows and columns of each picture. Default 480.
     device : str, optional
-        For the assessment: "cpu", "cuda:0"; default CUDA if there is one.
-    pictures : dict of str to list of array, optional
-        From `relief_pictures`, where they have been rendered already; ``scan``, ``truth`` and ``size`` are then not used.
+        Where the assessment is computed, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
+    pictures : dict of str to list of (H, W, 3) array, optional
+        The pictures, if they have been rendered already; ``scan`` and ``size`` are then not used. Default None: rendered
+        here.
 
     Returns
     -------
     ReliefReport
+        The measures that the page shows.
+
+    Raises
+    ------
+    InputError
+        As `assess_relief`.
+    FileError
+        If the file can't be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+    >>> points = np.column_stack([x.ravel(), y.ravel(), 0.2 * np.sin(x.ravel())])
+    >>> sheet = intaglio.surface_from_points(points, direction=(0, 0, -1))
+    >>> filled = (np.abs(sheet.vertices[:, :2] - 7.5) < 3).all(axis=1)
+    >>> completed = intaglio.Surface(
+    ...     vertices=sheet.vertices,
+    ...     faces=sheet.faces,
+    ...     base=sheet.vertices * [1, 1, 0],
+    ...     normal=np.tile([0.0, 0.0, 1.0], (256, 1)),
+    ...     measured=~filled,
+    ... )
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = f"{folder}/completed.html"
+    ...     report = intaglio.write_relief_report(completed, path, size=16, device="cpu")
+    ...     with open(path, encoding="utf-8") as file:
+    ...         print(file.read(15))
+    <!doctype html>
+    >>> report.filled_count
+    36
     """
     report = assess_relief(surface, truth, device=device) if report is None else report
     if pictures is None:
@@ -83,9 +119,9 @@ def write_relief_report(
 def relief_pictures(
     surface: Surface, report: ReliefReport, *, scan: Surface | None = None, truth: Surface | None = None, size: int = 480
 ) -> dict[str, list[Array]]:
-    """Render what the report shows: for every heading one linear picture (size, size, 3) a viewpoint.
+    """Return the pictures of the report: for every heading a list with one linear picture (size, size, 3) per viewpoint.
 
-    Parameters are those of `write_relief_report`.
+    The parameters are those of `write_relief_report`.
     """
     cameras = fixed_cameras(surface, choose_viewpoints(surface))
     shape = (size, size)

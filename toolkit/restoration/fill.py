@@ -99,7 +99,7 @@ def synthesize_hole(
     levels : int
         Levels of the Gaussian pyramid, n + 1 in section 5.4.
     coherence : float
-        Kappa of coherent matching (Hertzmann et al. 2001, section 3.2): on the finest level, the pixel next to the source of
+        Kappa of coherent matching (Hertzmann et al. 2001): on the finest level, the pixel next to the source of
         a neighbour is taken if its squared distance is at most 1 + coherence times that of the nearest neighbourhood; on each
         coarser level the coherence is halved.
     orientations : int

@@ -151,7 +151,7 @@ def restore(
     References
     ----------
     Yamauchi et al., "Textures Revisited", The Visual Computer 21, 2005, section 5. Oliveira et al., "Fast Digital Image
-    Inpainting", VIIP 2001, section 3. Hertzmann et al., "Image Analogies", SIGGRAPH 2001, section 3.2. Pérez et al.,
+    Inpainting", VIIP 2001, section 3. Hertzmann et al., "Image Analogies", SIGGRAPH 2001, section 3. Pérez et al.,
     "Poisson Image Editing", SIGGRAPH 2003.
 
     Examples

@@ -1,4 +1,4 @@
-"""How much a synthesised texture is like its sample, and where it can be told that it was made."""
+"""Measures of a synthesised texture: how similar it is to its sample, its seams, and repetition."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from intaglio.synthesis.nearest import NearestWindows, rms_difference
 from intaglio.synthesis.result import Synthesis, pixel_positions
 from intaglio.synthesis.sample import prepare_sample, window_starts
 
-# Windows whose nearest are sought, and most values of those they are sought among.
+# The most windows whose nearest ones are searched for, and the most values of those they are searched among.
 _QUERIES = 2000
 _AMONG = 50_000_000
 _WINDOW = 8
 
-# Pixels whose values are compared, evenly spread.
+# The most pixels whose values are compared, evenly spread.
 _VALUES = 100_000
 
 # Directions along which joint distributions are compared.
@@ -60,29 +60,44 @@ class Likeness:
 
 @dataclass(frozen=True)
 class SynthesisReport:
-    """Figures of a synthesised texture.
+    """Measures of a synthesised texture, compared with its sample.
 
     Attributes
     ----------
     likeness : Likeness
-        Of the sample's maps at equal range, as the result's provenance lays them.
+        Similarity of the result to the sample, of the maps scaled to equal range: ``histogram`` (n,), ``joint``,
+        ``correlation``, ``spectrum``, ``coherence`` and ``completeness``; 0 for equal ones.
     seam : float
-        Mean jump between neighbouring pixels from different places of the sample, over the mean jump between others; maps at
-        equal range. 1: seams are like the texture itself. NaN where there is no seam.
+        Mean step between neighbouring pixels from different places of the sample, over the mean step between others, of the
+        maps scaled to equal range. 1: seams are like the texture itself. NaN if there is no seam.
     wrap : float
-        Mean jump between neighbours over the edge, over that of all neighbours inside, if the result is tileable; else NaN.
+        Mean step between neighbours over the edge, over that of all neighbours inside, if the result is tileable; else NaN.
     seam_share : float
-        Share of neighbouring pixels that come from different places.
+        Share of neighbouring pixels that come from different places, from 0 to 1.
     copy_side : float
-        Side of the square as large as the piece that a pixel lies in, on average, in pixels; pieces are copied verbatim.
+        Side in pixels of a square as large as the mean piece that a pixel lies in, where a piece is copied as a whole.
     largest_copy : float
-        The largest piece's share of the result.
+        Share of the result that the largest piece takes.
     used : float
         Share of the sample that appears in the result.
     repetition : float
         How often the most repeated tenth of the sample appears, over how often it would if all appeared equally often.
     relit : dict of str to Likeness
-        Under each light: the relit result against the relit sample.
+        For each light, similarity of the relit result to the relit sample.
+
+    See Also
+    --------
+    intaglio.assess_synthesis : Computes it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> sample = np.random.default_rng(0).random((24, 24)).round(3)
+    >>> result = intaglio.quilt(sample, 32, block=8, seed=1, device="cpu")
+    >>> report = intaglio.assess_synthesis(sample, result)
+    >>> 0 < report.used <= 1, report.relit
+    (True, {})
     """
 
     likeness: Likeness
@@ -96,7 +111,23 @@ class SynthesisReport:
     relit: dict[str, Likeness]
 
     def lines(self) -> list[str]:
-        """Return the figures as text."""
+        """Return the figures as lines of text.
+
+        Returns
+        -------
+        list of str
+            Sentences for the user, one line each.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> sample = np.random.default_rng(0).random((24, 24)).round(3)
+        >>> result = intaglio.quilt(sample, 32, block=8, seed=1, device="cpu")
+        >>> lines = intaglio.assess_synthesis(sample, result).lines()
+        >>> lines[1].startswith("copied pieces")
+        True
+        """
         seam = "no seam" if np.isnan(self.seam) else f"seam {self.seam:.2f} (1: none to be seen)"
         lines = [
             f"{seam}, {100 * self.seam_share:.1f} % of neighbours come from different places",
@@ -122,18 +153,35 @@ def assess_synthesis(
 
     Parameters
     ----------
-    sample : like the maps that were synthesised
-        Or what was compared in their place, such as a photograph's gamma-encoded values.
+    sample : (H, W) array, (H, W, n) array or Relightable
+        The maps that were synthesised, or what was compared in their place, such as a photograph's gamma-encoded values.
     result : Synthesis
+        From `quilt`, `grow` or `synthesize`.
     mask : (H, W) bool array, optional
-        Pixels of the sample that could be used.
+        Pixels of the sample that could be used. Default None: all.
     lights : dict of str to (3,) array, optional
-        Lights under which sample and result are relit and compared, by name.
+        Vectors towards lights, by name, under which sample and result are relit and compared; both must be relightable.
+        Default None: none.
+
+    Returns
+    -------
+    SynthesisReport
+        Similarity to the sample, seams, copies and repetition.
 
     Raises
     ------
     InputError
-        If the result was not made of such a sample, or lights are given and it can't be relit.
+        If the result was not made from such a sample, or lights are given and it can't be relit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> sample = np.random.default_rng(0).random((24, 24)).round(3)
+    >>> result = intaglio.quilt(sample, 32, block=8, seed=1, device="cpu")
+    >>> report = intaglio.assess_synthesis(sample, result)
+    >>> report.likeness.joint < 1, report.copy_side > 1
+    (True, True)
     """
     prepared = prepare_sample(sample, mask=mask)
     source = result.source

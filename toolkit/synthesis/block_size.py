@@ -10,7 +10,7 @@ from intaglio.arrays import Array
 # A peak of the autocorrelation this high counts as a repetition of the pattern.
 _PEAK = 0.25
 
-# Where it has fallen to this, pixels have next to nothing to do with each other any more.
+# Pixels at a distance where it has fallen to this are nearly uncorrelated.
 _FALLEN = 0.2
 
 SMALLEST = 8
@@ -45,7 +45,7 @@ def autocorrelation(features: Array, usable: Array) -> Array:
 def element_size(features: Array, usable: Array) -> tuple[float, str]:
     """Return how large the texture's elements are, in pixels, and how that was found.
 
-    The longer of the two shortest repetitions (lags of peaks that are no multiples of one another) if there is a pattern,
+    The longer of the two shortest repetitions (lags of peaks that are not multiples of one another) if there is a pattern,
     else three times the distance at which the autocorrelation has fallen to a fifth.
     """
     correlation = autocorrelation(features, usable)
@@ -61,7 +61,7 @@ def element_size(features: Array, usable: Array) -> tuple[float, str]:
     length = float(below[0]) if len(below) else float(min(height, width) / 2)
 
     peak = (centred == ndimage.maximum_filter(centred, size=5)) & (centred > _PEAK) & (far > 1.5 * length)
-    # Longer periods could not be told from chance.
+    # Longer periods can't be distinguished from chance.
     peak &= far < min(height, width) / 3
     # A pattern falls below zero before it returns; a slow slope does not.
     if peak.any() and mean[: int(min(height, width) / 2)].min() < 0:

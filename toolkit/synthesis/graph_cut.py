@@ -34,13 +34,13 @@ def _cut_overlap(error: Array, known: Array, overlap: Array) -> Array:
         return np.ones(known.shape, bool)
     block = len(known)
     at = np.arange(block)
-    # What lies there holds the block's outer border; the block holds what is next to pixels that it alone has.
+    # The existing pixels keep the outer border of the block; the block keeps what is next to pixels that it alone has.
     left, top, right, bottom = overlap > 0
     old = ((at[None, :] == 0) & left) | ((at[:, None] == 0) & top)
     old = old | ((at[None, :] == block - 1) & right) | ((at[:, None] == block - 1) & bottom)
     new = ndimage.binary_dilation(~known) & known & ~old
     if known.all():
-        # Overlaps from opposite sides meet: the block holds its middle.
+        # Overlaps from opposite sides meet: the block keeps its middle.
         margin = block // 4
         inner = [(at >= margin * low) & (at < block - margin * high) for low, high in ((top, bottom), (left, right))]
         new = inner[0][:, None] & inner[1][None, :] & ~old
@@ -56,7 +56,7 @@ def _cut_overlap(error: Array, known: Array, overlap: Array) -> Array:
         cost = np.maximum(1, np.round(_LEVELS * (error[a][both] + error[b][both]) / (2 * largest)))
         ends += [pair, pair[::-1]]
         costs += [cost, cost]
-    # More than all edges of a pixel together: never cut.
+    # Costs more than all edges of a pixel together, so it is never cut.
     for inside, terminal in ((index[old], source), (index[new], sink)):
         link = np.stack([np.full(len(inside), terminal), inside])
         ends.append(link if terminal == source else link[::-1])

@@ -1,4 +1,4 @@
-"""Where blocks lie, how far each is overlapped by those laid before it, and which can be laid at the same time."""
+"""Positions of blocks, how far each is overlapped by those laid before it, and which can be laid at the same time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _starts(length: int, block: int, overlap: int, wrap: bool) -> Array:
 
 
 def plan_blocks(shape: tuple[int, int], block: int, overlap: int, *, tileable: bool, continued: bool) -> Blocks:
-    """Return the blocks that cover ``shape``, in waves whose order is as good as raster order.
+    """Return the blocks that cover ``shape``, in waves that are equivalent to raster order.
 
     A block comes in a later wave than all blocks before it, in raster order, that it touches: so every block meets exactly
     what it would meet in raster order, and blocks of one wave don't touch.
@@ -58,7 +58,7 @@ def plan_blocks(shape: tuple[int, int], block: int, overlap: int, *, tileable: b
     if continued:
         neighbour[1:, :-1, 3] = place[:-1, 1:]
     if tileable:
-        # What reaches over the edge meets the first blocks.
+        # Blocks that extend over the edge overlap the first ones.
         overlaps[:, :, RIGHT] = np.maximum(xs + block - canvas[1], 0)[None, :]
         overlaps[:, :, BOTTOM] = np.maximum(ys + block - canvas[0], 0)[:, None]
         if not continued:

@@ -64,6 +64,6 @@ class NearestWindows:
 
 
 def rms_difference(a: Array, b: Array) -> Array:
-    """Return the root mean square difference of windows (M, D) that belong together: (M,)."""
+    """Return the root mean square differences (M,) of corresponding windows (M, D)."""
     found: Array = np.sqrt(np.mean((a - b) ** 2, axis=1))
     return found

@@ -1,4 +1,4 @@
-"""From photographs or a relightable texture to a larger one: the thesis' approaches, and two others to hold them against."""
+"""From photographs or a relightable texture to a larger one: the thesis' approaches, and two others to compare them with."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from intaglio.synthesis.layout import plan_blocks
 from intaglio.synthesis.options import QuiltOptions
 from intaglio.synthesis.refinement import optimize_texture
 from intaglio.synthesis.result import Synthesis, copy_sample
-from intaglio.synthesis.sample import Match, SampleMaps, as_match, prepare_sample, window_starts
+from intaglio.synthesis.sample import SampleMaps, as_match, prepare_sample, window_starts
 
 # The kernels index a sample by 32-bit numbers.
 _MOST_VALUES = 2**31 - 1

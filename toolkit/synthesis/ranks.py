@@ -202,7 +202,7 @@ def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
 
 
 def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | None = None) -> tuple[list[str], Array]:
-    """Read ranks from one or more tables.
+    r"""Read ranks from one or more tables.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | No
     >>> import intaglio
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "ranks.csv")
-    ...     _ = path.write_text("observer,quilt,grow,tile\\nAnna,1,2,3\\nBen,2,1,3\\n")
+    ...     _ = path.write_text("observer,quilt,grow,tile\nAnna,1,2,3\nBen,2,1,3\n")
     ...     names, ranks = intaglio.read_ranks(path)
     >>> names
     ['quilt', 'grow', 'tile']

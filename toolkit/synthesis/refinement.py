@@ -26,7 +26,7 @@ _SIDE = 8
 # Windows are this share of their side apart, so that 16 cover every pixel.
 _PER_SIDE = 4
 
-# Windows of the sample compared with, unless asked for otherwise.
+# The most windows of the sample that are compared with, by default.
 _MOST_WINDOWS = 40_000
 
 # Windows of the canvas matched at a time, to bound memory.
@@ -223,7 +223,7 @@ def _match_windows(windows: _Windows, source: Array, corner: Array, means: Array
 
 
 def _find_broken_windows(source: Array, side: int, step: int, tileable: bool) -> Array:
-    """Return first pixels (M, 2) of the grid's windows that are no copy of one piece of the sample.
+    """Return first pixels (M, 2) of the grid's windows that are not copies of one piece of the sample.
 
     All others match themselves.
     """

@@ -48,7 +48,7 @@ def synthesis_pictures(
         return rows
     values = stack_maps(sample).astype(np.float32)
     low, high = float(np.nanmin(first_channels(values))), float(np.nanmax(first_channels(values)))
-    # Photographs as they are, other maps by their range.
+    # Photographs are shown as they are, other maps scaled by their range.
     low, high = (0.0, 1.0) if low >= 0 and high <= 1 else (low, max(high, low + 1e-30))
     pair = {"sample": first_channels(values), "result": first_channels(result.maps)}
     return {"Sample and result": {key: (image - low) / (high - low) for key, image in pair.items()}}
@@ -101,7 +101,7 @@ def write_synthesis_report(
 
 
 def _sized_row(heading: str, pictures: Mapping[str, Array]) -> str:
-    """Return a row whose pictures keep their sizes to each other."""
+    """Return a row whose pictures keep their relative sizes."""
     row = picture_row(heading, pictures)
     for name, image in pictures.items():
         old = f'alt="{html.escape(heading)}, {html.escape(name)}"'

@@ -1,4 +1,4 @@
-"""What synthesis gives: maps, and for every pixel where in the sample it comes from."""
+"""Results of synthesis: maps, and for every pixel its position in the sample."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is synthesised from: maps of one size, which pixels may be used, and the values that are compared."""
+"""Samples: maps of one size, the pixels that may be used, and the values that are compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fitting the smooth base: plane, circular cylinder or sphere by orthogonal distance (stage one of the papers)."""
+"""Fitting the smooth base, stage one of Breckon & Fisher: plane, circular cylinder or sphere by orthogonal distance."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from intaglio.mesh import Base, BaseFit, Cylinder, Plane, Sphere, perpendicular,
 
 KINDS = ("plane", "cylinder", "sphere")
 
-# Relief is correlated over its features, so N vertices are far fewer independent witnesses; the information criterion
-# counts this many at most. With all of them, any base would be "significantly" better than any other.
+# Relief is correlated over its features, so N vertices are far fewer independent observations; the information criterion
+# counts at most this many. With all of them, any base would be "significantly" better than any other.
 _INDEPENDENT_SAMPLES = 200
-# Two kinds whose scores differ by less than this are not told apart by the data (10 on the criterion's scale is the
-# usual mark of strong evidence).
+# If the scores of two kinds differ by less than this, the data does not decide between them (a difference of 10 is
+# usually taken for strong evidence).
 _AMBIGUITY = 10.0
 # A residual above this share of the scan's diagonal is shape, not relief.
 _POOR = 0.04
@@ -26,45 +26,61 @@ _FIT_POINTS = 6_000
 
 
 def fit_base(points: Array, kinds: Sequence[str] = KINDS) -> Base:
-    """Fit the base shape that explains the points best.
+    """Fit the base shape that explains points best.
 
     Every kind is fitted by least squares of the orthogonal (geometric) distances under a robust loss (Cauchy, scaled by
-    the median absolute deviation), so that relief on one side of the base, dimples or bumps, pulls it little. The kind is
-    chosen by ``n log(s^2) + k log(n)`` with the mean absolute residual s, k parameters and n the number of points, counted
-    as at most 200 independent ones. Beyond 6,000 points, 6,000 of them evenly spaced in index are fitted; residuals are of all.
+    the median absolute deviation), so that relief on one side of the base, such as dimples or bumps, pulls it little. The
+    kind with the least ``n log(s^2) + k log(n)`` is chosen, where s is the mean absolute residual, k the number of
+    parameters, and n the number of points, but at most 200, since neighbouring points are not independent. Of more than
+    6,000 points, 6,000 evenly spaced in index are fitted; the residuals are those of all.
 
     Parameters
     ----------
     points : (N, 3) array or Surface
-        In any length unit, which the result keeps.
-    kinds : sequence of str
-        Among ``"plane"``, ``"cylinder"``, ``"sphere"``.
+        At least 6 points in any unit of length, which the result keeps.
+    kinds : sequence of str or str, optional
+        The kinds to try, among "plane", "cylinder" and "sphere". Default all three.
 
     Returns
     -------
     Base
-        A `Plane`, `Cylinder` or `Sphere`; its ``fit`` holds the residuals of every kind, and ``fit.ambiguous`` is True
-        where another kind fits about as well (a nearly flat piece of a large sphere).
+        A `Plane`, `Cylinder` or `Sphere`. Its ``fit`` holds the residuals of every kind; ``fit.ambiguous`` is True if another
+        kind fits about as well, as for a nearly flat piece of a large sphere.
 
     Raises
     ------
     InputError
-        If points are not (N, 3) finite numbers or a kind is unknown.
+        If points are not (N, 3) finite numbers, their extent is out of range, or a kind is unknown.
     FitError
-        If the points are too few or degenerate (all on a line, all in one place).
+        If there are fewer than 6 points, all lie on a line or in one place, or no kind can be fitted.
 
     References
     ----------
-    Breckon & Fisher, TPAMI 30(12) 2008, section 2.1.
+    Breckon & Fisher, "Three-Dimensional Surface Relief Completion via Nonparametric Techniques", IEEE TPAMI 30(12), 2008,
+    section 2.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> rng = np.random.default_rng(0)
+    >>> directions = rng.standard_normal((300, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> points = (10 + 0.05 * rng.standard_normal((300, 1))) * directions + [1, 2, 3]
+    >>> base = intaglio.fit_base(points)
+    >>> base.kind, round(base.radius, 1), base.center.round(1)
+    ('sphere', 10.0, array([1., 2., 3.]))
+    >>> base.fit.ambiguous
+    False
     """
     points = _checked(getattr(points, "vertices", points))
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     unknown = [k for k in kinds if k not in KINDS]
     if unknown or not kinds:
-        raise InputError(f"unknown base kind {unknown[0]!r}; known: {', '.join(KINDS)}" if unknown else "no base kind given")
+        raise InputError(f"unknown base kind {unknown[0]!r}; known: {', '.join(KINDS)}" if unknown else "no base kind is given")
     center = points.mean(axis=0)
     size = float(np.sqrt(((points - center) ** 2).sum(axis=1).mean()))
-    # Work on unit-sized coordinates at the origin: survey coordinates would cost the solver its digits.
+    # The fits run on coordinates of unit size at the origin, since large survey coordinates would cost precision.
     scaled = (points - center) / size
     fitters = {"plane": _fit_plane, "cylinder": _fit_cylinder, "sphere": _fit_sphere}
     sample = scaled
@@ -99,7 +115,7 @@ def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
         rival = ranked[1]
         margin = table[rival][1] - table[ranked[0]][1]
         ambiguous = bool(margin < _AMBIGUITY)
-        verdict = "not told apart by the data" if ambiguous else "clear"
+        verdict = "the data does not decide between them" if ambiguous else "clear"
         note += f"; next {rival} with {table[rival][0]:.6g} ({verdict}, score margin {margin:.1f})"
     extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     poor = best.fit.rms > _POOR * extent
@@ -112,7 +128,7 @@ def _checked(points: Array) -> Array:
     try:
         points = np.asarray(points, np.float64)
     except (TypeError, ValueError) as problem:
-        raise InputError(f"points are no (N, 3) array of numbers ({problem})") from problem
+        raise InputError(f"points are not an (N, 3) array of numbers ({problem})") from problem
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), not {points.shape}")
     if not np.isfinite(points).all():
@@ -122,7 +138,7 @@ def _checked(points: Array) -> Array:
         raise FitError(f"{len(points)} points are too few to fit a base; at least 6 are needed")
     if not 1e-100 < np.ptp(points, axis=0).max() < 1e100 and np.ptp(points, axis=0).max() > 0:
         raise InputError(
-            f"points extend over {np.ptp(points, axis=0).max():.3g} units: choose a unit nearer to the object's size"
+            f"points extend over {np.ptp(points, axis=0).max():.3g} units: choose a unit closer to the size of the object"
         )
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[0] == 0:
@@ -168,7 +184,7 @@ def _fit_plane(p: Array) -> Plane | None:
 
 
 def _fit_sphere(p: Array) -> Sphere | None:
-    # Algebraic start: |p|^2 = 2 c.p + (r^2 - |c|^2), linear in c and the bracket.
+    # The algebraic start solves |p|^2 = 2 c.p + (r^2 - |c|^2), which is linear in c and the bracket.
     a = np.column_stack([2 * p, np.ones(len(p))])
     solution, _, rank, _ = np.linalg.lstsq(a, (p**2).sum(axis=1), rcond=1e-12)
     if rank < 4:
@@ -182,7 +198,7 @@ def _fit_sphere(p: Array) -> Sphere | None:
         return np.linalg.norm(p - x[:3], axis=1) - x[3]
 
     x = _robust(residual, np.array([*center, np.sqrt(square)]))
-    # A radius of a thousand extents is a plane for every purpose, and its centre is noise.
+    # A sphere with a radius of a thousand extents is practically a plane, and its centre is noise.
     return Sphere(center=x[:3], radius=x[3]) if x is not None and 0 < x[3] < 1e3 else None
 
 
@@ -224,7 +240,7 @@ def _fit_cylinder(p: Array) -> Cylinder | None:
 
 
 def _circle(p: Array, axis: Array) -> tuple[Array, float] | None:
-    """Fit a circle to the points seen along ``axis``: (centre on the two cross axes, radius), mean absolute residual."""
+    """Fit a circle to the points seen along ``axis``; return centre and radius (3,), and the mean absolute residual."""
     e1 = perpendicular(axis)
     q = p @ np.stack([e1, np.cross(axis, e1)], axis=1)
     solution, _, rank, _ = np.linalg.lstsq(np.column_stack([2 * q, np.ones(len(q))]), (q**2).sum(axis=1), rcond=1e-10)

@@ -15,30 +15,49 @@ from intaglio.mesh import directed_edges, following, opposite_edges
 
 Holes = str | int | Sequence[int] | None
 
-# The border of a piece that encloses most is where the scan ends, if its flat filling would be larger than this share of the
-# piece; any other border is, if it is larger than all of it.
+# The border of a piece that encloses the largest area is where the scan ends if that area is more than _OUTER of the piece's
+# own; any other border is if its area is more than _LARGER of the piece's.
 _OUTER, _LARGER = 0.2, 1.0
 
 
 @dataclass(frozen=True)
 class Hole:
-    """One border loop of a scan.
+    """Border loop of a scan: a hole, or where the scan ends.
 
     Attributes
     ----------
     number : int
-        From 1, by falling length.
+        Number from 1, by decreasing length, as `complete_relief` takes it.
     loop : (K,) int32 array
-        Its vertices in order, each once, the scan's faces on the left. Where a border touches itself there are several holes.
-    length, area : float
-        Of the rim, and of the flat surface that the rim encloses (its vector area), in the input's unit and its square.
-    center : (3,) array
-        Mean of its vertices.
+        The vertices in order, each once, with the scan's faces on the left. They are numbered among those that completion
+        keeps, without small pieces and unused vertices. A border that touches itself is several loops.
+    length : float
+        Length of the loop, in the input's unit.
+    area : float
+        Area of the flat surface inside the loop (its vector area), in the square of the input's unit.
+    center : (3,) float64 array
+        Mean of the vertices.
     piece : int
-        The connected piece of the scan it belongs to.
+        Number of the connected piece of the scan that the loop belongs to.
     outer : bool
-        Whether it is where the piece ends: it encloses most of all the piece's borders and more than a fifth of the piece's
-        area, or more than all of it.
+        Whether the piece ends here: the loop has the largest area of the piece's loops, and more than a fifth of the area of
+        the piece itself, or it has more than the whole area of the piece.
+
+    See Also
+    --------
+    intaglio.list_holes : Lists the holes of a scan.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(12.0), np.arange(12.0))
+    >>> points = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    >>> points[5:7, 5:7] = np.nan
+    >>> scan = intaglio.surface_from_range_image(points, view=(5, 5, 100))
+    >>> hole = intaglio.list_holes(scan)[1]
+    >>> hole.outer, hole.center, round(hole.area, 2)
+    (False, array([5.5, 5.5, 0. ]), 7.0)
     """
 
     number: int
@@ -50,7 +69,23 @@ class Hole:
     outer: bool
 
     def describe(self) -> str:
-        """Return one line about the hole."""
+        """Return one line of text about the hole.
+
+        Returns
+        -------
+        str
+            Number, edges, length, area and position.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(12.0), np.arange(12.0))
+        >>> points = np.stack([x, y, np.zeros_like(x)], axis=-1)
+        >>> scan = intaglio.surface_from_range_image(points, view=(5, 5, 100))
+        >>> intaglio.list_holes(scan)[0].describe()
+        'outer border 1: 44 edges, rim 44 long, area 121, at (5.5, 5.5, 0)'
+        """
         what = "outer border" if self.outer else "hole"
         at = ", ".join(f"{v:.6g}" for v in self.center)
         return f"{what} {self.number}: {len(self.loop)} edges, rim {self.length:.6g} long, area {self.area:.6g}, at ({at})"
@@ -71,7 +106,7 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
     edges = directed_edges(faces)
     opposite = opposite_edges(faces, len(vertices))
     border = np.flatnonzero(opposite < 0)
-    # The border edge that follows: turn about the end vertex through its fan until no face is left.
+    # The following border edge is found by turning about the end vertex, through its fan of faces, until none is left.
     ahead = following(border)
     inside = np.flatnonzero(opposite[ahead] >= 0)
     while len(inside):
@@ -141,18 +176,19 @@ def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None 
     holes : list of Hole
         From `find_holes`.
     wanted : {"all", "largest", "every"}, int or sequence of int
-        "all": what the scan encloses. "largest": the longest of these. "every": outer borders as well. Numbers: these.
+        "all": the holes that the scan encloses. "largest": the longest of these. "every": outer borders as well. Numbers: the
+        holes of these numbers.
     size : (low, high), optional
         Only holes whose rim is at least ``low`` and at most ``high`` long, in the input's unit.
 
     Raises
     ------
     InputError
-        For an unknown choice or number, or where nothing is left to fill.
+        For an unknown choice or number, or if nothing is left to fill.
     """
     low, high = _limits(size)
     if not holes:
-        raise InputError("the scan has no border once tiny pieces are left out: nothing is missing, nothing to fill")
+        raise InputError("the scan has no border, apart from tiny pieces: nothing is missing, nothing to fill")
     enclosed = [hole for hole in holes if not hole.outer]
     if wanted is None or (isinstance(wanted, str) and wanted in ("all", "largest")):
         chosen = [hole for hole in enclosed if low <= hole.length <= high]
@@ -161,7 +197,7 @@ def choose_holes(holes: list[Hole], wanted: Holes, size: Sequence[float] | None 
         if not enclosed:
             raise InputError(
                 f"the scan encloses no hole: its {len(holes)} border{'s are' if len(holes) > 1 else ' is'} where the scan ends "
-                f"({holes[0].describe()}); to close that all the same, give holes='every' or its number"
+                f"({holes[0].describe()}); to close that nevertheless, give holes='every' or its number"
             )
     elif isinstance(wanted, str) and wanted == "every":
         chosen = [hole for hole in holes if low <= hole.length <= high]

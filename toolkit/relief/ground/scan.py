@@ -1,4 +1,4 @@
-"""Checks of a scan, the choice of its base, and which of its pieces count."""
+"""Checks of a scan, the choice of its base, and the choice of its pieces."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from intaglio.mesh import Base, Cylinder, Plane, Sphere, Surface, border_edges, 
 from intaglio.relief.ground.fit import KINDS, fit_base
 from intaglio.relief.ground.holes import Hole, find_holes
 
-# A piece of the scan lies on the base where its median distance is within this many robust deviations of the whole.
+# A piece of the scan lies on the base if its median distance from it is at most this many robust deviations of the largest piece.
 _ON_BASE = 4.0
-# More than this share of shape in what a base leaves, and it is no base for relief.
+# If more than this share of the distances from a base is shape rather than relief, another base is needed.
 _MOST_SHAPE = 0.5
-# A piece of a few triangles has no relief to give and would only pepper the base with islands.
+# A piece of a few triangles holds no relief to copy, and would only be an island on the base.
 _SMALLEST_PIECE = 50
 
 
 def check_scan(vertices: Array, faces: Array) -> None:
-    """Raise `InputError` for a mesh that relief can't be completed on, naming what is wrong and what would be right."""
+    """Raise `InputError` for a mesh whose relief can't be completed, saying what is wrong and what would be right."""
     check_faces(vertices, faces)
     if len(border_edges(faces)) == 0:
         raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
 
 
 def check_faces(vertices: Array, faces: Array) -> None:
-    """Raise `InputError` for faces that don't fit together, naming what is wrong and what would be right."""
+    """Raise `InputError` for faces that don't fit together, saying what is wrong and what would be right."""
     if len(vertices) == 0 or len(faces) == 0:
         raise InputError(f"the surface is empty: {len(vertices)} vertices, {len(faces)} faces")
     corners = vertices[faces]
@@ -41,7 +41,7 @@ def check_faces(vertices: Array, faces: Array) -> None:
     if (counts > 1).any():
         a, b = divmod(int(unique[counts > 1][0]), len(vertices))
         raise InputError(
-            f"{(counts > 1).sum()} edges are run through twice in the same direction, the first from vertex {a} to {b}: "
+            f"{(counts > 1).sum()} edges are traversed twice in the same direction, the first from vertex {a} to {b}: "
             "neighbouring faces wind in opposite directions, or more than two share an edge; "
             "repair it (read_surface(path, repair=True), --repair) to turn and thin them"
         )
@@ -52,7 +52,7 @@ def check_faces(vertices: Array, faces: Array) -> None:
         first = int(np.flatnonzero(same)[0])
         raise InputError(
             f"{same.sum()} vertices lie exactly on another one, the first are {used[order[first]]} and "
-            f"{used[order[first + 1]]}: faces that should join do not; repair it to merge them "
+            f"{used[order[first + 1]]}: faces that should be joined are not; repair it to merge them "
             "(read_surface(path, repair=True), --repair)"
         )
     if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
@@ -60,23 +60,37 @@ def check_faces(vertices: Array, faces: Array) -> None:
 
 
 def list_holes(surface: Surface) -> list[Hole]:
-    """Return the holes and outer borders of a scan, longest first, numbered as `complete_relief` takes them.
+    """List the holes and outer borders of a scan, longest first, with the numbers that `complete_relief` takes.
 
-    Pieces of fewer than 50 vertices are left out, as in completion.
+    Pieces of fewer than 50 vertices, other than the largest, are left out, as in completion.
 
     Parameters
     ----------
     surface : Surface
+        The scan.
 
     Returns
     -------
     list of Hole
-        Each with ``number``, ``loop``, ``length``, ``area``, ``center``, ``outer`` and ``describe()``.
+        The border loops; ``outer`` tells whether one is the end of the scan rather than a hole in it.
 
     Raises
     ------
     InputError
-        For a surface that is empty or whose faces don't fit together.
+        If the argument is not a surface, is empty, or its faces don't fit together.
+
+    Examples
+    --------
+    A sheet with one hole:
+
+    >>> import numpy as np
+    >>> import intaglio
+    >>> x, y = np.meshgrid(np.arange(12.0), np.arange(12.0))
+    >>> points = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    >>> points[5:7, 5:7] = np.nan
+    >>> scan = intaglio.surface_from_range_image(points, view=(5, 5, 100))
+    >>> [(hole.number, hole.outer, round(hole.length, 2)) for hole in intaglio.list_holes(scan)]
+    [(1, True, 44.0), (2, False, 9.66)]
     """
     if not isinstance(surface, Surface):
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
@@ -86,10 +100,10 @@ def list_holes(surface: Surface) -> list[Hole]:
 
 
 def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:
-    """Return the base as given or fitted, or "smooth"; say in ``notes`` what was chosen and why.
+    """Return the base as given or fitted, or "smooth", and add to ``notes`` what was chosen and why.
 
-    "auto" takes the plane, cylinder or sphere that fits best; where none fits, two fit equally well, or most of what is left is
-    shape rather than relief, and the scan encloses a hole, the smoothed scan is the base.
+    "auto" takes the plane, cylinder or sphere that fits best. If none fits, two fit equally well, or most of the distances from
+    the base are shape rather than relief, and the scan encloses a hole, the smoothed scan is the base.
 
     Raises
     ------
@@ -112,27 +126,30 @@ def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str
     share = _shape_share(fitted, vertices[used_vertices(faces, len(vertices))])
     unfit = fitted.fit.ambiguous or fitted.fit.poor or share > _MOST_SHAPE
     if base == "auto" and unfit and not all(h.outer for h in find_holes(vertices, faces)):
-        why = "no plane, cylinder or sphere carries the scan"
+        why = "no plane, cylinder or sphere fits the scan"
         if fitted.fit.ambiguous:
             why = "two kinds fit equally well"
         elif not fitted.fit.poor:
-            why = f"{share:.0%} of what a {fitted.kind} leaves is shape, in waves longer than a fifth of the scan"
+            why = f"{share:.0%} of the distances from a {fitted.kind} is shape, in waves longer than a fifth of the scan"
         notes.append(f"base: the smoothed scan, since {why} ({fitted.fit.note})")
         return "smooth"
     if fitted.fit.ambiguous:
         table = ", ".join(f"{k} rms {v[0]:.6g}" for k, v in sorted(fitted.fit.candidates.items()))
-        raise FitError(f"the scan does not decide its base ({table}): say which it is, base='plane', 'cylinder' or 'sphere'")
+        raise FitError(f"several bases fit the scan equally well ({table}): choose base='plane', 'cylinder' or 'sphere'")
     if fitted.fit.poor and base == "auto":
         raise FitError(
-            f"no plane, cylinder or sphere carries this scan ({fitted.fit.note}), and it encloses no hole that a smooth base "
-            f"could fill: cut out the part that one does carry, or say which to use all the same, base='{fitted.kind}'"
+            f"no plane, cylinder or sphere fits this scan ({fitted.fit.note}), and it encloses no hole that a smooth base "
+            f"could fill: cut out a part that one of them fits, or choose one nevertheless, base='{fitted.kind}'"
         )
     notes += [f"base fitted: {fitted.describe()}", fitted.fit.note]
     return fitted
 
 
 def _shape_share(base: Base, points: Array) -> float:
-    """Share of the variance of distances from ``base`` between cells of a tenth of the scan: in waves longer than a fifth."""
+    """Return the share of the variance of distances from ``base`` that is in waves longer than a fifth of the scan.
+
+    That is the variance between the means of cubic cells whose side is a tenth of the scan.
+    """
     distance = base.distance(points)
     variance = float(distance.var())
     low = points.min(axis=0)
@@ -147,21 +164,23 @@ def _shape_share(base: Base, points: Array) -> float:
 
 
 def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tuple[Array, Array, str]:
-    """Keep the connected pieces that lie on the base; vertices that no face uses go as well.
+    """Choose the connected pieces that lie on the base; vertices that no face uses are left out.
 
     Parameters
     ----------
     distance : (N,) array or None
-        From the base, without sign; None keeps every piece that is not tiny.
+        Unsigned distances from the base; None chooses every piece that is not tiny.
     vertices, faces : (N, 3), (F, 3) arrays
+        The scan.
 
     Returns
     -------
     kept : (N,) bool array
+        The vertices of the chosen pieces.
     faces : (F', 3) int32 array
-        Renumbered.
+        Their faces, renumbered.
     note : str
-        What was left out; empty where nothing was.
+        What was left out; empty if nothing was.
     """
     number, label = pieces(faces, len(vertices))
     used = used_vertices(faces, len(vertices))
@@ -188,7 +207,7 @@ def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tup
 
 
 def check_joined(faces: Array, count: int, scanned: int) -> None:
-    """Raise `InputError` where a piece of the triangulation holds no scanned vertex: no relief could grow there."""
+    """Raise `InputError` if a piece of the triangulation holds no scanned vertex, so that no relief could grow there."""
     number_of_pieces, label = pieces(faces, count)
     reached = np.zeros(number_of_pieces, bool)
     reached[label[:scanned]] = True
