@@ -2,7 +2,7 @@
 
 After PatchMatch (Barnes et al. 2009; 2010 with rotations) and coherent search (Ashikhmin 2001), on a surface: if a target's
 neighbour was matched to a sample, the sample beside that one, on the target's side, is a likely match. Landmarks, a part of the
-samples that `NeighbourhoodMatcher` compares in full, bring in what no neighbour knows. From the best few the search goes down
+samples that `NeighborhoodMatcher` compares in full, bring in what no neighbour knows. From the best few the search goes down
 to neighbouring samples as long as the cost falls.
 """
 
@@ -15,7 +15,7 @@ import warp as wp
 
 from intaglio.kernels.launch import launch, upload
 from intaglio.kernels.meshes import Frames, upload_frames
-from intaglio.kernels.neighbourhoods import MISSING, Matches
+from intaglio.kernels.neighborhoods import MISSING, Matches
 from intaglio.kernels.selection import VIABLE
 
 wp.set_module_options({"enable_backward": False})
@@ -55,7 +55,7 @@ class MatchedGround:
 
     frames: Frames
     offsets: wp.array[wp.int32]
-    neighbours: wp.array[wp.int32]
+    neighbors: wp.array[wp.int32]
     matched: wp.array[wp.int32]
     rotation: wp.array[wp.float32]
 
@@ -205,7 +205,7 @@ def search_kernel(
         q = turned(ground.rotation[vertex], rotations)
         consider(targets, t, samples, ground.matched[vertex], q, factor, listed, cost)
     for i in range(ground.offsets[vertex], ground.offsets[vertex + 1]):
-        near = ground.neighbours[i]
+        near = ground.neighbors[i]
         s = ground.matched[near]
         if s >= 0:
             # The step from the neighbour to this vertex, turned into the frame of the neighbour's match.
@@ -254,7 +254,7 @@ class Patchwork:
     ----------
     foot, u, v : (N, 3) arrays
         Vertices' base points and frames, near the origin.
-    offsets, neighbours : (N + 1,), (E,) int32 arrays
+    offsets, neighbors : (N + 1,), (E,) int32 arrays
         Which vertices are joined.
     matched : (N,) int32 array
         The sample that a vertex carries, or -1.
@@ -266,7 +266,7 @@ class Patchwork:
     u: np.ndarray
     v: np.ndarray
     offsets: np.ndarray
-    neighbours: np.ndarray
+    neighbors: np.ndarray
     matched: np.ndarray
     rotation: np.ndarray
 
@@ -325,7 +325,7 @@ class ApproximateSearch:
         targets : (T,) int32 array
             Vertices of ``patchwork``.
         value, weight : (T, G) arrays
-            As `NeighbourhoodMatcher.match` takes them.
+            As `NeighborhoodMatcher.match` takes them.
         patchwork : Patchwork
         landmarks : (T, L) int32 array
             Candidates to begin with, ``rotation * S + sample``, -1 for none.
@@ -365,7 +365,7 @@ class ApproximateSearch:
         if self._ground_of is None or self._ground_of.foot is not patchwork.foot:
             ground.frames = upload_frames(patchwork.foot, patchwork.u, patchwork.v, self.device)
             ground.offsets = upload(patchwork.offsets, wp.int32, self.device)
-            ground.neighbours = upload(patchwork.neighbours, wp.int32, self.device)
+            ground.neighbors = upload(patchwork.neighbors, wp.int32, self.device)
             self._ground_of = patchwork
         ground.matched = upload(patchwork.matched, wp.int32, self.device)
         ground.rotation = upload(patchwork.rotation, wp.float32, self.device)

@@ -338,10 +338,10 @@ def choose_blocks_kernel(
 
 
 @wp.kernel
-def continue_neighbours_kernel(
+def continue_neighbors_kernel(
     start: int,
     first_block: int,
-    neighbour: wp.array2d[wp.int32],
+    neighbor: wp.array2d[wp.int32],
     step: wp.array2d[wp.vec2i],
     reaches: wp.array[wp.vec2i],
     choice: wp.array[wp.int32],
@@ -362,7 +362,7 @@ def continue_neighbours_kernel(
     differ = int(0)
     for j in range(_CONTINUED):
         continued[k, j] = -1
-        n = neighbour[b, j]
+        n = neighbor[b, j]
         if n == _OTHERS:
             differ = 1
         if n >= 0:

@@ -21,7 +21,7 @@ from intaglio.kernels.block_search import (
     absolute_costs_kernel,
     bound_taken_kernel,
     choose_blocks_kernel,
-    continue_neighbours_kernel,
+    continue_neighbors_kernel,
     gather_overlaps_kernel,
     set_bounds_kernel,
     squared_costs_kernel,
@@ -62,7 +62,7 @@ class Blocks:
         Row and column of each block's first pixel on the canvas.
     overlap : (N, 4) int32 array
         How far what was laid before reaches in from the left, top, right and bottom.
-    neighbour : (N, 4) int32 array
+    neighbor : (N, 4) int32 array
         Blocks laid before that a block may continue, -1 for none, -2 where it has to fit others too.
     waves : (waves + 1,) array
         Where each wave begins.
@@ -73,7 +73,7 @@ class Blocks:
     block: int
     origin: np.ndarray
     overlap: np.ndarray
-    neighbour: np.ndarray
+    neighbor: np.ndarray
     waves: np.ndarray
     shape: tuple[int, int]
 
@@ -154,8 +154,8 @@ class BlockLayer:
 
         self._origin = upload(blocks.origin, wp.vec2i, device)
         self._overlap = upload(blocks.overlap, wp.vec4i, device)
-        self._neighbour = upload(blocks.neighbour, wp.int32, device)
-        self._step = upload(blocks.origin[:, None, :] - blocks.origin[np.maximum(blocks.neighbour, 0)], wp.vec2i, device)
+        self._neighbor = upload(blocks.neighbor, wp.int32, device)
+        self._step = upload(blocks.origin[:, None, :] - blocks.origin[np.maximum(blocks.neighbor, 0)], wp.vec2i, device)
         self._uniform = upload(uniform, wp.float32, device)
         self._choice = wp.full(len(blocks.origin), -1, dtype=wp.int32, device=device)
         self._canvas = wp.full(blocks.shape, -1, dtype=wp.int32, device=device)
@@ -309,11 +309,11 @@ class BlockLayer:
         """Choose the blocks ``first`` to ``first + count``."""
         rows, columns = self._groups
         self._launch(
-            continue_neighbours_kernel,
+            continue_neighbors_kernel,
             count,
             inputs=[
                 first,
-                self._neighbour,
+                self._neighbor,
                 self._step,
                 self._reaches,
                 self._choice,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from intaglio.kernels.pyramids import expanded, normalized, reduced, uploaded
+from intaglio.kernels.pyramids import expand_level, normalize_level, reduce_level, upload_image
 
 
 def continue_image(color: np.ndarray, defined: np.ndarray, device: str) -> np.ndarray:
@@ -20,12 +20,12 @@ def _continued(color: np.ndarray, inside: np.ndarray, device: str) -> np.ndarray
     """Continue up to three channels."""
     channels = color.shape[2]
     padded = np.concatenate([color, np.zeros((*color.shape[:2], 3 - channels), np.float32), inside], axis=2)
-    levels = [uploaded(padded, device)]
+    levels = [upload_image(padded, device)]
     while max(levels[-1].shape) > 1:
-        levels.append(reduced(levels[-1], device))
-    image = normalized(levels[-1], device)
+        levels.append(reduce_level(levels[-1], device))
+    image = normalize_level(levels[-1], device)
     for level in levels[-2::-1]:
-        here = normalized(level, device).numpy()
-        below = expanded(image, level.shape, device).numpy()
-        image = uploaded(np.where(here[:, :, 3:] > 0, here, below), device)
+        here = normalize_level(level, device).numpy()
+        below = expand_level(image, level.shape, device).numpy()
+        image = upload_image(np.where(here[:, :, 3:] > 0, here, below), device)
     return image.numpy()[:, :, :channels].copy()

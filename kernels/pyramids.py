@@ -135,7 +135,7 @@ def collapse_kernel(
     result[y, x] = out
 
 
-def reduced(fine: wp.array, device: str) -> wp.array:
+def reduce_level(fine: wp.array, device: str) -> wp.array:
     """Return the next coarser level of an (H, W) array of vec4, (H + 1) // 2 by (W + 1) // 2."""
     shape = tuple((n + 1) // 2 for n in fine.shape)
     coarse = wp.empty(shape, dtype=wp.vec4, device=device)
@@ -143,19 +143,19 @@ def reduced(fine: wp.array, device: str) -> wp.array:
     return coarse
 
 
-def expanded(coarse: wp.array, shape: tuple[int, int], device: str) -> wp.array:
+def expand_level(coarse: wp.array, shape: tuple[int, int], device: str) -> wp.array:
     """Return a level at the next finer ``shape``: colour where there is any, 1 or 0 in the fourth."""
     fine = wp.empty(shape, dtype=wp.vec4, device=device)
     launch(expand_kernel, shape, inputs=[coarse], outputs=[fine], device=device, work=20 * shape[1])
     return fine
 
 
-def uploaded(image: np.ndarray, device: str) -> wp.array:
+def upload_image(image: np.ndarray, device: str) -> wp.array:
     """Return (H, W, 4) as an array of vec4."""
     return upload(image, wp.vec4, device)
 
 
-def normalized(level: wp.array, device: str) -> wp.array:
+def normalize_level(level: wp.array, device: str) -> wp.array:
     """Return a level with colour divided by weight; weight as it was."""
     result = wp.empty(level.shape, dtype=wp.vec4, device=device)
     launch(normalize_kernel, level.shape, inputs=[level], outputs=[result], device=device, work=5 * level.shape[1])
@@ -168,7 +168,7 @@ def add_band(here: wp.array, below: wp.array | None, share: wp.array, total: wp.
     launch(add_band_kernel, here.shape, inputs=[here, under, share], outputs=[total], device=device, work=5 * here.shape[1])
 
 
-def collapsed(sums: wp.array, below: wp.array, device: str) -> wp.array:
+def collapse_level(sums: wp.array, below: wp.array, device: str) -> wp.array:
     """Return a level of the result from the sums of its bands and the expanded coarser level."""
     result = wp.empty(sums.shape, dtype=wp.vec4, device=device)
     launch(collapse_kernel, sums.shape, inputs=[sums, below], outputs=[result], device=device, work=5 * sums.shape[1])

@@ -93,7 +93,7 @@ def gap_kernel(
     width[i] = widest
 
 
-def repelled(surface: PointSurface, radius: float, strength: float) -> np.ndarray:
+def repel_points(surface: PointSurface, radius: float, strength: float) -> np.ndarray:
     """Return the points (N, 3) float32 of ``surface``, each pushed away by its neighbours within ``radius`` on its side.
 
     Parameters

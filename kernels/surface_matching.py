@@ -36,7 +36,7 @@ class Ground:
     frames: Frames
     # The vertices joined to vertex i are neighbours[offsets[i]] to neighbours[offsets[i + 1] - 1]; so are its faces.
     offsets: wp.array[wp.int32]
-    neighbours: wp.array[wp.int32]
+    neighbors: wp.array[wp.int32]
     face_offsets: wp.array[wp.int32]
     incident: wp.array[wp.int32]
     faces: wp.array2d[wp.int32]
@@ -105,10 +105,10 @@ def nearest_vertex(
     while step < _MOST_STEPS:
         better = here
         for e in range(ground.offsets[here], ground.offsets[here + 1]):
-            d = wp.length_sq(ground.frames.foot[ground.neighbours[e]] - p)
+            d = wp.length_sq(ground.frames.foot[ground.neighbors[e]] - p)
             if d < best:
                 best = d
-                better = ground.neighbours[e]
+                better = ground.neighbors[e]
         if better == here:
             step = _MOST_STEPS
         here = better
@@ -203,7 +203,7 @@ class SurfaceMesh:
     ----------
     foot, u, v : (N, 3) arrays
         Vertices' base points, and unit vectors along the base; lengths in a unit in which heights are about 1.
-    offsets, neighbours : (N + 1,), (E,) int arrays
+    offsets, neighbors : (N + 1,), (E,) int arrays
         Which vertices are joined by an edge.
     face_offsets, incident : (N + 1,), (3 F,) int arrays
         Which faces have a vertex as corner.
@@ -214,7 +214,7 @@ class SurfaceMesh:
     u: np.ndarray
     v: np.ndarray
     offsets: np.ndarray
-    neighbours: np.ndarray
+    neighbors: np.ndarray
     face_offsets: np.ndarray
     incident: np.ndarray
     faces: np.ndarray
@@ -265,7 +265,7 @@ class SurfaceMatcher:
         targets: np.ndarray,
         position: np.ndarray,
         offsets: np.ndarray,
-        neighbours: np.ndarray,
+        neighbors: np.ndarray,
         weight: np.ndarray,
         factor: float,
     ) -> wp.array:
@@ -277,7 +277,7 @@ class SurfaceMatcher:
             Vertices.
         position : (N, 3) array
             All vertices' places on the surface, in the mesh's unit; anything where they are not known.
-        offsets, neighbours, weight : (T + 1,), (K,), (K,) arrays
+        offsets, neighbors, weight : (T + 1,), (K,), (K,) arrays
             The known vertices around each target, and their weights, which sum to 1.
         factor : float
             Candidates worse than this times the best may be dropped: they get `NOT_VIABLE` too.
@@ -286,7 +286,7 @@ class SurfaceMatcher:
         stride = min(candidates, _STRIDE_CPU if self.device.startswith("cpu") else _STRIDE_CUDA)
         lists = NeighborLists()
         lists.offsets = upload(offsets, wp.int32, self.device)
-        lists.vertex = upload(neighbours, wp.int32, self.device)
+        lists.vertex = upload(neighbors, wp.int32, self.device)
         lists.weight = upload(weight, wp.float32, self.device)
         cost = wp.full((len(targets), candidates), NOT_VIABLE, dtype=wp.float32, device=self.device)
         launch(

@@ -54,7 +54,7 @@ class WindowSearch:
         Pixels that may be copied: their windows, and the 3 x 3 pixels around their parents, lie in the sample. They are
         searched in groups, so similar ones should be together.
     rows : (M, K) float32 array
-        Their `neighbourhoods`.
+        Their `neighborhoods`.
     window : int
         Odd.
     squared, wrap : bool
@@ -205,7 +205,7 @@ class WindowSearch:
         launch(kernel, dim, inputs=inputs, outputs=outputs, device=self.device, work=work)
 
 
-def neighbourhoods(level: Level, coarse: Level | None, candidates: np.ndarray, window: int) -> np.ndarray:
+def neighborhoods(level: Level, coarse: Level | None, candidates: np.ndarray, window: int) -> np.ndarray:
     """Return the sample's neighbourhoods (M, K) of ``candidates`` (M, 2): the window, then the parent's 3 x 3, all maps."""
     reach = window // 2
     at = np.arange(window) - reach

@@ -175,9 +175,7 @@ def test_frames_do_not_change_what_is_measured(cap):
         assert whole.relief[~whole.measured].std() > 0.5 * whole.relief[whole.measured].std()
 
 
-@pytest.mark.parametrize(
-    "settings", [{"bootstrap": True}, {"bootstrap": True, "metric": "surface"}, {"rule": "best-percent"}]
-)
+@pytest.mark.parametrize("settings", [{"bootstrap": True}, {"bootstrap": True, "metric": "surface"}, {"rule": "best-percent"}])
 def test_options_of_the_papers_run_and_fill_everything(wave_tube, settings):
     scan, _ = wave_tube
     whole = complete_with(scan, cylinder_base(), 2, 0.1, **settings)

@@ -7,7 +7,7 @@ import pytest
 from reference import displacement_costs, surface_cost
 
 from intaglio.kernels.location import polar_grid
-from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
+from intaglio.kernels.neighborhoods import NeighborhoodMatcher
 from intaglio.relief.ground.prepare import prepare_ground
 from intaglio.relief.growth.propagation import choose_near_best
 from intaglio.relief.growth.samples import sample_set
@@ -35,7 +35,7 @@ def test_costs_agree_with_brute_force(engine, device):
     if engine == "blas" and device != "cpu":
         pytest.skip("BLAS runs on the CPU")
     value, weight, sample, exists, permutation = case()
-    matcher = NeighbourhoodMatcher(sample, exists, permutation, device=device, engine=engine)
+    matcher = NeighborhoodMatcher(sample, exists, permutation, device=device, engine=engine)
     matches = matcher.match(value, weight, factor=3.0)
     for t in range(len(value)):
         expected = displacement_costs(value[t], weight[t], sample, exists > 0, permutation)
@@ -52,7 +52,7 @@ def test_engines_choose_the_same(device):
     draw = np.random.default_rng(1).uniform(size=len(value))
     chosen = []
     for engine in ["blas", "warp"] if device == "cpu" else ["warp"]:
-        m = NeighbourhoodMatcher(sample, exists, permutation, device=device, engine=engine).match(value, weight, 1.3)
+        m = NeighborhoodMatcher(sample, exists, permutation, device=device, engine=engine).match(value, weight, 1.3)
         chosen.append(choose_near_best(m.candidate, m.cost, m.count, 0.3, draw))
     for other in chosen[1:]:
         np.testing.assert_array_equal(chosen[0][0], other[0])
@@ -63,8 +63,8 @@ def test_engines_choose_the_same(device):
 def test_permuting_the_candidates_changes_nothing(device):
     value, weight, sample, exists, permutation = case(seed=5)
     order = np.random.default_rng(2).permutation(len(sample))
-    plain = NeighbourhoodMatcher(sample, exists, permutation, device=device).match(value, weight, 1.0)
-    mixed = NeighbourhoodMatcher(sample[order], exists[order], permutation, device=device).match(value, weight, 1.0)
+    plain = NeighborhoodMatcher(sample, exists, permutation, device=device).match(value, weight, 1.0)
+    mixed = NeighborhoodMatcher(sample[order], exists[order], permutation, device=device).match(value, weight, 1.0)
     best = [choose_near_best(m.candidate, m.cost, m.count, 0.0, np.zeros(len(value)))[0] for m in (plain, mixed)]
     count = len(sample)
     np.testing.assert_array_equal(best[0] % count, order[best[1] % count])
@@ -73,7 +73,7 @@ def test_permuting_the_candidates_changes_nothing(device):
 
 def test_a_target_that_no_sample_can_answer_has_no_match(device):
     value, weight, sample, exists, permutation = case()
-    matcher = NeighbourhoodMatcher(sample, np.zeros_like(exists), permutation, device=device)
+    matcher = NeighborhoodMatcher(sample, np.zeros_like(exists), permutation, device=device)
     matches = matcher.match(value, weight)
     assert (matches.count == 0).all()
     chosen, cost = choose_near_best(matches.candidate, matches.cost, matches.count, 0.1, np.zeros(len(value)))
@@ -83,9 +83,9 @@ def test_a_target_that_no_sample_can_answer_has_no_match(device):
 
 def test_best_percent_is_among_the_best_percent(device):
     value, weight, sample, exists, permutation = case(samples=200)
-    matcher = NeighbourhoodMatcher(sample, exists, permutation, device=device)
+    matcher = NeighborhoodMatcher(sample, exists, permutation, device=device)
     draw = np.random.default_rng(0).uniform(size=len(value))
-    picked = matcher.ranked(value, weight, 0.10, draw)
+    picked = matcher.pick_ranked(value, weight, 0.10, draw)
     for t in range(len(value)):
         expected = np.sort(displacement_costs(value[t], weight[t], sample, exists > 0, permutation))
         viable = np.isfinite(expected).sum()
@@ -98,7 +98,7 @@ def test_more_equal_candidates_than_the_list_holds(device):
     grid = permutation.shape[1]
     sample = np.zeros((5000, grid), np.float32)
     weight = np.full((1, grid), 1 / grid, np.float32)
-    matcher = NeighbourhoodMatcher(sample, np.ones_like(sample), permutation, device=device)
+    matcher = NeighborhoodMatcher(sample, np.ones_like(sample), permutation, device=device)
     matches = matcher.match(np.zeros((1, grid), np.float32), weight)
     assert 30 < matches.count[0] <= 256
     listed = matches.candidate[0, : matches.count[0]]
@@ -157,7 +157,7 @@ def test_the_best_of_too_many_is_never_thinned_away(engine, device):
     sample = (1 + 1e-4 * rng.normal(size=(30_000, grid))).astype(np.float32)
     weight = np.full((20, grid), 1 / grid, np.float32)
     value = rng.normal(0, 1e-4, (20, grid)).astype(np.float32)
-    matcher = NeighbourhoodMatcher(sample, np.ones_like(sample), permutation, device=device, engine=engine)
+    matcher = NeighborhoodMatcher(sample, np.ones_like(sample), permutation, device=device, engine=engine)
     matches = matcher.match(value, weight, 1.5)
     expected = np.array(
         [

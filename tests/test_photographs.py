@@ -431,7 +431,7 @@ def test_a_camera_that_looks_away_is_left_out_with_a_warning():
         ({"size": 4}, "size"),
         ({"size": "large"}, "size"),
         ({"select": "all"}, "select"),
-        ({"background": None, "binding": True}, "binding must come"),
+        ({"binding": True}, "binding must come"),
         ({"blend": "poisson"}, "blend"),
         ({"uv": np.full((642, 2), 3.0)}, "in \\[0, 1\\]"),
         ({"uv": np.zeros((5, 2))}, "uv must be"),
@@ -444,6 +444,14 @@ def test_bad_arguments_are_named(ball, change, message):
     arguments = {"surface": surface, "uv": laid, "photographs": taken, "size": 64, **change}
     with pytest.raises(InputError, match=message):
         combine_photographs(**arguments)
+
+
+@pytest.mark.parametrize("option", [{"background": None}, {"background_threshold": 0.1}, {"grazing": 70}])
+def test_options_of_a_new_binding_are_refused_beside_a_given_one(ball, option):
+    surface, uv, taken = ball
+    binding = bind_photographs(surface, taken)
+    with pytest.raises(InputError, match="leave them out with a binding"):
+        combine_photographs(surface, uv, taken, 64, binding=binding, **option)
 
 
 def test_cylinder_with_own_texture_positions(device):

@@ -9,7 +9,7 @@ import pytest
 from intaglio.kernels.distance_fields import Overlaps, PatchSearch, candidates, signed_distance
 from intaglio.kernels.launch import set_threads
 from intaglio.kernels.point_surface import PointSurface
-from intaglio.kernels.relaxation import gaps, repelled
+from intaglio.kernels.relaxation import gaps, repel_points
 
 
 def sheet(side=30, height=0.0):
@@ -181,7 +181,7 @@ def test_points_push_each_other_apart_along_the_surface(device):
     points, up = sheet(20)
     points[210] += (0.45, 0.3, 0)
     surface = PointSurface(points, up, 2.5, device=device)
-    moved = repelled(surface, 1.0, 0.25)
+    moved = repel_points(surface, 1.0, 0.25)
     assert (moved[:, 2] == 0).all()
     towards = moved[210] - points[210]
     assert towards[0] < -0.01
@@ -212,7 +212,7 @@ def test_one_thread_and_two_give_the_same_bits():
             surface = PointSurface(points, points, 3 * spacing)
             feet = surface.project(at, reach=1.0)
             field = signed_distance(surface, at, reach=1.0)
-            found.append((feet.points, feet.normals, field, surface.variation(0.2), repelled(surface, spacing, 0.2)))
+            found.append((feet.points, feet.normals, field, surface.variation(0.2), repel_points(surface, spacing, 0.2)))
         finally:
             set_threads(None)
     for one, two in zip(*found, strict=True):

@@ -10,7 +10,7 @@ import intaglio
 from intaglio import Surface
 from intaglio.kernels.approximate_search import ApproximateSearch, Patchwork
 from intaglio.kernels.location import polar_grid
-from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher
+from intaglio.kernels.neighborhoods import NeighborhoodMatcher
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.relief.ground.prepare import GroundOptions, prepare_ground
 from intaglio.relief.growth import displacement_metric
@@ -81,7 +81,7 @@ def test_combined_cost_is_the_papers_sum():
     weights = metric._ring_weight
     for target, sample, error in zip(targets, picks.sample, picks.error, strict=True):
         # Grid points that fall on vertices of the unit lattice are enough to compare by hand: rings along the axes.
-        value, weight, _ = metric.neighbourhoods(np.array([target]), np.array([3]), state)
+        value, weight, _ = metric.neighborhoods(np.array([target]), np.array([3]), state)
         points = len(ring)
         own = metric._value[sample].reshape(4, points)
         difference = (value[0].reshape(4, points) - own) ** 2 * weight[0].reshape(4, points)
@@ -147,7 +147,7 @@ def test_approximate_search_finds_most_of_what_exhaustive_finds(monkeypatch):
     assert (picks[1].error >= picks[0].error * (1 - 1e-5)).all()
     assert (picks[1].error <= 1.1 * picks[0].error).mean() > 0.5
     # The descent closes more than a third of the gap between the best landmark and the best of all.
-    value, weight, _ = near.neighbourhoods(targets, np.full(len(targets), 4), state)
+    value, weight, _ = near.neighborhoods(targets, np.full(len(targets), 4), state)
     landmarks = near._matcher.match(value, weight, 1.0)
     alone = landmarks.cost[:, 0] * near._scale**2
     assert len(near._landmarks) < 0.3 * len(samples.vertex)
@@ -171,7 +171,7 @@ def test_listed_candidates_are_sorted_unique_and_rightly_priced(device):
     around = Patchwork(foot, u, v, offsets_of, np.zeros(0, np.int32), np.full(count, -1), np.zeros(count))
     matches = search.match(np.array([5, 90]), target, weight, around, np.array([[7, -1], [-1, -1]]), 5.0, 1)
     assert matches.candidate[0, 0] == 5
-    exact = NeighbourhoodMatcher(value, known, permutation, device=device)
+    exact = NeighborhoodMatcher(value, known, permutation, device=device)
     for t in range(2):
         listed = matches.candidate[t, : matches.count[t]]
         assert len(set(listed)) == len(listed)
@@ -322,8 +322,8 @@ def test_grids_located_anew_give_the_same_bits():
     )  # fmt: skip
     held, anew = (DisplacementMetric(ground, samples, 3, 2, "cpu", keep_grids=keep) for keep in (True, False))
     for a, b in zip(
-        held.neighbourhoods(targets, np.full(len(targets), 3), state),
-        anew.neighbourhoods(targets, np.full(len(targets), 3), state),
+        held.neighborhoods(targets, np.full(len(targets), 3), state),
+        anew.neighborhoods(targets, np.full(len(targets), 3), state),
         strict=True,
     ):
         np.testing.assert_array_equal(a, b)

@@ -131,7 +131,7 @@ def test_topology_tables():
     faces = grid_faces(5, 4, False)
     topology = Topology.of(faces, 20)
     for vertex in range(20):
-        near = topology.neighbours[topology.offsets[vertex] : topology.offsets[vertex + 1]]
+        near = topology.neighbors[topology.offsets[vertex] : topology.offsets[vertex + 1]]
         edges = unique_edges(faces)
         expected = sorted({*edges[edges[:, 0] == vertex, 1], *edges[edges[:, 1] == vertex, 0]})
         assert near.tolist() == expected

@@ -247,4 +247,6 @@ def test_bad_captures(changes, message):
 
 def test_a_relightable_bsdf_needs_maps():
     with pytest.raises(ValueError, match="texture coordinates must be"):
-        relit(np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros((2, 2)), None, camera=Viewpoint((0, 0, 1), (0, 0, 0)), light=LIGHT)
+        relit(
+            np.zeros((3, 3)), np.array([[0, 1, 2]]), np.zeros((2, 2)), None, camera=Viewpoint((0, 0, 1), (0, 0, 0)), light=LIGHT
+        )

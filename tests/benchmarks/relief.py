@@ -22,7 +22,7 @@ wp.config.log_level = wp.LOG_WARNING
 import intaglio  # noqa: E402
 from intaglio.kernels.launch import choose_device, single_threaded_blas, threads  # noqa: E402
 from intaglio.kernels.location import polar_grid  # noqa: E402
-from intaglio.kernels.neighbourhoods import NeighbourhoodMatcher  # noqa: E402
+from intaglio.kernels.neighborhoods import NeighborhoodMatcher  # noqa: E402
 from intaglio.scenes.patterns import bumps, cylinder_base, grid_faces, on_cylinder, on_plane, plane_base, plane_wave, wave  # noqa: E402
 from tests.reliefs import complete_with  # noqa: E402
 
@@ -162,7 +162,7 @@ def matching(device: str) -> None:
     for engine, operations in (("blas", 4), ("warp", 3)):
         if engine == "blas" and device != "cpu":
             continue
-        matcher = NeighbourhoodMatcher(sample, np.ones_like(sample), permutation, device=device, engine=engine)
+        matcher = NeighborhoodMatcher(sample, np.ones_like(sample), permutation, device=device, engine=engine)
         matcher.match(value[:8], weight[:8])
         seconds = best(lambda m=matcher: m.match(value, weight))
         rate = operations * targets * 2 * samples * grid / seconds / 1e9

@@ -28,27 +28,43 @@ FEWEST = 32
 
 @dataclass(frozen=True)
 class GeometryReport:
-    """Measures of an extended geometry texture.
+    """Measures of an extended geometry texture, compared with its swatch.
 
     Attributes
     ----------
     points : int
+        Number of points.
     nearest : float
         Median distance of nearest neighbours over that of the swatch: 1 is alike.
     nearest_emd : float
-        Earth mover's distance of these distances' distributions, over the swatch's median.
+        Earth mover's distance between the distributions of these distances, over the swatch's median.
     holes : float
-        Share of points beside a hole wider than three of the swatch's median distances; ``swatch_holes`` of the swatch.
+        Share of the points that are beside a hole wider than three of the swatch's median distances.
     swatch_holes : float
+        The same share of the swatch.
     widest : float
-        Widest hole over the swatch's median distance, up to 8; beyond counts as an open border.
+        Width of the widest hole over the swatch's median distance, up to 8; wider ones count as open borders.
     normal_angle : float
-        Median angle, in degrees, between normals and the surface of their neighbours.
+        Median angle between the normals and the surface of their neighbours, in degrees.
     step, step_high : float
         Median and 99 % quantile of the step between the surfaces of neighbouring patches, over the distance of samples;
-        NaN where no patches meet.
+        NaN if no patches meet.
     moved : float
-        Median of how far points were moved, over the distance of samples.
+        Median distance by which points were moved, over the distance of samples; NaN if none were.
+
+    See Also
+    --------
+    intaglio.assess_geometry : Computes it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> y, x = np.mgrid[:24, :24]
+    >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+    >>> report = intaglio.assess_geometry(swatch.points, swatch, device="cpu")
+    >>> report.points, report.nearest
+    (576, 1.0)
     """
 
     points: int
@@ -63,7 +79,22 @@ class GeometryReport:
     moved: float
 
     def lines(self) -> list[str]:
-        """Return the measures as text, line by line."""
+        """Return the measures as lines of text.
+
+        Returns
+        -------
+        list of str
+            Sentences for the user, one line each.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> y, x = np.mgrid[:24, :24]
+        >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
+        >>> intaglio.assess_geometry(swatch.points, swatch, device="cpu").lines()[0][:46]
+        '576 points; nearest neighbours 1.000 of the sw'
+        """
         lines = [
             f"{self.points} points; nearest neighbours {self.nearest:.3f} of the swatch's median, EMD {self.nearest_emd:.3f}",
             f"beside a hole wider than {_HOLE:g} distances: {100 * self.holes:.3f} % of points "
@@ -105,7 +136,7 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     >>> import intaglio
     >>> y, x = np.mgrid[:24, :24]
     >>> swatch = intaglio.geometry_from_height(np.sin(2 * np.pi * x / 8) + np.cos(2 * np.pi * y / 8))
-    >>> larger = intaglio.extend_geometry(swatch, 32, device="cpu")
+    >>> larger = intaglio.extend_geometry(swatch, 18, device="cpu")
     >>> report = intaglio.assess_geometry(larger, swatch, device="cpu")
     >>> 0.5 < report.nearest < 2, report.points == len(larger)
     (True, True)

@@ -66,7 +66,7 @@ def extend_geometry(
         Distance between the nodes of the field, and step of the positions that are searched, in the swatch's unit. Default
         None: a sixteenth of a patch, at least the distance of samples.
     tolerance : float, optional
-        ε: a patch is drawn from those whose distance is at most (1 + ε) times the least; at least 0.
+        Relative tolerance ε: a patch is drawn from those whose distance is at most (1 + ε) times the least; at least 0.
     max_error : float, optional
         A patch has no candidate if its least distance is above this: the root mean square over the nodes, with distances in
         units of half the height and gradients of unit length. It is replaced by four of half the size; if these have none

@@ -56,18 +56,18 @@ def estimate_normals(points: Array, axis: int, spacing: float) -> tuple[Array, s
     tree = cKDTree(points)
     normals = np.empty_like(points)
     around_count = min(_AROUND, len(points) - 1)
-    neighbours = np.empty((len(points), around_count), np.int64)
+    neighbors = np.empty((len(points), around_count), np.int64)
     for begin in range(0, len(points), _AT_ONCE):
         part = slice(begin, begin + _AT_ONCE)
         _, index = tree.query(points[part], around_count + 1)
         around = points[index[:, : _PLANE + 1]]
         around = around - around.mean(axis=1, keepdims=True)
         normals[part] = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0]
-        neighbours[part] = index[:, 1:]
+        neighbors[part] = index[:, 1:]
     if is_height_field(points, axis, spacing):
         normals[normals[:, axis] < 0] *= -1
         return normals, "normals were estimated and turned up along the height axis: the swatch is a height field"
-    _propagate_sides(points, normals, neighbours, axis, spacing)
+    _propagate_sides(points, normals, neighbors, axis, spacing)
     return normals, "normals were estimated and turned from neighbour to neighbour; check that none point inwards"
 
 
@@ -88,14 +88,14 @@ def is_height_field(points: Array, axis: int, spacing: float, normals: Array | N
     return bool(layered.mean() < _LAYERED)
 
 
-def _propagate_sides(points: Array, normals: Array, neighbours: Array, axis: int, spacing: float) -> None:
+def _propagate_sides(points: Array, normals: Array, neighbors: Array, axis: int, spacing: float) -> None:
     """Turn ``normals`` so that neighbours agree, in place.
 
     Points near another surface are left out at first: sides would be handed on from one thread to the next there.
     """
     count = len(points)
     rows = np.repeat(np.arange(count), _GRAPH)
-    columns = neighbours[:, :_GRAPH].ravel()
+    columns = neighbors[:, :_GRAPH].ravel()
     along = points[columns] - points[rows]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     # Neighbours across a gap lie along each other's normals; on one surface they lie beside each other.
@@ -116,14 +116,14 @@ def _propagate_sides(points: Array, normals: Array, neighbours: Array, axis: int
     def mean(value: Array) -> Array:
         return np.bincount(label, value, pieces) / size
 
-    bend = (points - points[neighbours].mean(axis=1)) / spacing
+    bend = (points - points[neighbors].mean(axis=1)) / spacing
     middle = np.stack([mean(points[:, k]) for k in range(3)], axis=1)
     outwards, up = mean((bend * normals).sum(axis=1)), mean(normals[:, axis])
     volume = mean(((points - middle[label]) * normals).sum(axis=1))
     # The convex side of a thread is outside; of a sheet, the side that faces up.
     side = np.where(np.abs(outwards) > _THIN, outwards, np.where(np.abs(up) > 0.3, up, volume))
     normals[side[label] < 0] *= -1
-    _adopt_sides(normals, neighbours, points, (size >= _FEWEST)[label])
+    _adopt_sides(normals, neighbors, points, (size >= _FEWEST)[label])
 
 
 def _turn_along(tree: csr_array, label: Array, normals: Array) -> None:
@@ -147,11 +147,11 @@ def _turn_along(tree: csr_array, label: Array, normals: Array) -> None:
     normals[turned] *= -1
 
 
-def _adopt_sides(normals: Array, neighbours: Array, points: Array, settled: Array) -> None:
+def _adopt_sides(normals: Array, neighbors: Array, points: Array, settled: Array) -> None:
     """Turn the remaining normals like those of settled neighbours on the same surface, outwards from these, in place."""
     for _ in range(_ROUNDS):
         left = np.flatnonzero(~settled)
-        near = neighbours[left]
+        near = neighbors[left]
         along = points[near] - points[left, None]
         along /= np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
         product = (normals[near] * normals[left, None]).sum(axis=2)

@@ -22,15 +22,15 @@ class PairingWeights:
     Parameters
     ----------
     normal : float
-        ω_n: weight of the difference of normals, at least 0.
+        Weight ω_n of the difference of normals, at least 0.
     variation : float
-        ω_v: weight of the difference of surface variation, at least 0.
+        Weight ω_v of the difference of surface variation, at least 0.
     length : float
-        ω_l: weight of the difference in length between a pair's move and those of its neighbours, at least 0.
+        Weight ω_l of the difference in length between a pair's move and those of its neighbours, at least 0.
     direction : float
-        ω_d: weight of the difference in direction of these moves, at least 0.
+        Weight ω_d of the difference in direction of these moves, at least 0.
     position : float, optional
-        ω_p: weight of the distance, at least 0. Default 1: the others are relative to it, as published.
+        Weight ω_p of the distance, at least 0. Default 1: the others are relative to it, as published.
     most_distance : float, optional
         Largest distance of a pair, above 0, in patch sides.
     most_angle : float, optional

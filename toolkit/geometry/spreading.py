@@ -7,7 +7,7 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.geometry.sampling import thin_points
 from intaglio.kernels.point_surface import PointSurface
-from intaglio.kernels.relaxation import gaps, repelled
+from intaglio.kernels.relaxation import gaps, repel_points
 
 # The share of the sum of all pushes by which a point moves in a round.
 _STRENGTH = 0.25
@@ -48,7 +48,7 @@ def spread(
     for _ in range(rounds):
         ring = _add_images(out, period, 2 * support)
         moving = PointSurface(ring["point"], ring["normal"], support, device=device)
-        pushed = repelled(moving, nearest, _STRENGTH)[: len(out)]
+        pushed = repel_points(moving, nearest, _STRENGTH)[: len(out)]
         # Points that nothing pushes keep their bits.
         moved = np.flatnonzero((pushed != out["point"].astype(np.float32)).any(axis=1))
         feet = fixed.project(pushed[moved], facing=out["normal"][moved], reach=support)

@@ -192,7 +192,8 @@ def geometry_from_mesh(
     >>> import numpy as np
     >>> import intaglio
     >>> corners = np.array([[0.0, 0, 0], [24, 0, 0], [24, 24, 0], [0, 24, 0]])
-    >>> swatch = intaglio.geometry_from_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), spacing=1.0, bounds=[[2, 2, -1], [22, 22, 1]])
+    >>> faces, bounds = np.array([[0, 1, 2], [0, 2, 3]]), [[2, 2, -1], [22, 22, 1]]
+    >>> swatch = intaglio.geometry_from_mesh(corners, faces, spacing=1.0, bounds=bounds)
     >>> 0.9 < swatch.spacing < 1.2, swatch.points.normals[0]
     (True, array([0., 0., 1.]))
     """

@@ -81,10 +81,10 @@ def _one_winding(faces: Array, count: int) -> tuple[Array, int]:
     pair = np.flatnonzero(keys[order][:-1] == keys[order][1:])
     a, b = order[pair], order[pair + 1]
     agree = edges[a, 0] == edges[b, 1]
-    neighbours: list[list[tuple[int, bool]]] = [[] for _ in range(len(faces))]
+    neighbors: list[list[tuple[int, bool]]] = [[] for _ in range(len(faces))]
     for i, j, same in zip(a // 3, b // 3, agree, strict=True):
-        neighbours[i].append((int(j), bool(same)))
-        neighbours[j].append((int(i), bool(same)))
+        neighbors[i].append((int(j), bool(same)))
+        neighbors[j].append((int(i), bool(same)))
     flip = np.zeros(len(faces), bool)
     seen = np.zeros(len(faces), bool)
     for start in range(len(faces)):
@@ -95,7 +95,7 @@ def _one_winding(faces: Array, count: int) -> tuple[Array, int]:
         while stack:
             face = stack.pop()
             piece.append(face)
-            for other, same in neighbours[face]:
+            for other, same in neighbors[face]:
                 if not seen[other]:
                     seen[other] = True
                     flip[other] = flip[face] if same else not flip[face]

@@ -98,8 +98,8 @@ class Topology:
 
     Attributes
     ----------
-    offsets, neighbours : (N + 1,), (E,) int32 arrays
-        Vertices joined to vertex i by an edge: ``neighbours[offsets[i]:offsets[i + 1]]``, ascending.
+    offsets, neighbors : (N + 1,), (E,) int32 arrays
+        Vertices joined to vertex i by an edge: ``neighbors[offsets[i]:offsets[i + 1]]``, ascending.
     face_offsets, incident : (N + 1,), (3F,) int32 arrays
         Faces at vertex i, likewise.
     across : (F, 3) int32 array
@@ -107,7 +107,7 @@ class Topology:
     """
 
     offsets: Array
-    neighbours: Array
+    neighbors: Array
     face_offsets: Array
     incident: Array
     across: Array
@@ -116,8 +116,8 @@ class Topology:
     def graph(self) -> csr_array:
         """The symmetric vertex adjacency as a sparse matrix of ones."""
         count = len(self.offsets) - 1
-        ones = np.ones(len(self.neighbours), np.float32)
-        return csr_array((ones, self.neighbours, self.offsets), shape=(count, count))
+        ones = np.ones(len(self.neighbors), np.float32)
+        return csr_array((ones, self.neighbors, self.offsets), shape=(count, count))
 
     @classmethod
     def of(cls, faces: Array, count: int) -> Topology:

@@ -90,9 +90,9 @@ def parameterize(
         Direction from the object towards the eye for the view that matters most: what faces it gets more of the texture, and
         seams keep to the back. Default None: all directions matter the same.
     importance : float, optional
-        k > 1 in equation 2: the nearer to 1, the more the view counts; 1.01 to 2 is useful.
+        The k of equation 2, above 1: the nearer to 1, the more the view counts; 1.01 to 2 is useful.
     shape_threshold : float, optional
-        α in section 3: least ratio of height to longest side of a triangle in the texture, 0 to 0.5. 0 leaves the term out;
+        The α of section 3: least ratio of height to longest side of a triangle in the texture, 0 to 0.5. 0 leaves the term out;
         0.05 to 0.15 is useful. Triangles that are thinner than that on the surface have nine tenths of their own ratio as
         threshold.
     max_stretch : float, optional

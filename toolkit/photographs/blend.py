@@ -7,7 +7,7 @@ import warp as wp
 from scipy import ndimage
 
 from intaglio.arrays import Array
-from intaglio.kernels.pyramids import add_band, collapsed, expanded, normalized, reduced, uploaded
+from intaglio.kernels.pyramids import add_band, collapse_level, expand_level, normalize_level, reduce_level, upload_image
 
 # The least side of the coarsest level.
 _LEAST_SIDE = 8
@@ -97,20 +97,20 @@ class SplineBlend:
         bands of structures from `_BROAD` levels on instead.
         """
         inside = defined.astype(np.float32)[:, :, None]
-        level = uploaded(np.concatenate([color * inside, inside], axis=2), self._device)
+        level = upload_image(np.concatenate([color * inside, inside], axis=2), self._device)
         share = self._soften((mask * defined).astype(np.float32))
         wide = share if broad is None else self._soften((broad * defined).astype(np.float32))
         for number, total in enumerate(self._sums):
-            here = normalized(level, self._device)
+            here = normalize_level(level, self._device)
             if number == _BROAD:
                 share = share if broad is None else wide
             if number + 1 < len(self._sums):
-                level = reduced(level, self._device)
-                below = expanded(normalized(level, self._device), self._shapes[number], self._device)
+                level = reduce_level(level, self._device)
+                below = expand_level(normalize_level(level, self._device), self._shapes[number], self._device)
                 add_band(here, below, share, total, self._device)
-                share = reduced(share, self._device)
+                share = reduce_level(share, self._device)
                 if broad is not None and number < _BROAD:
-                    wide = reduced(wide, self._device)
+                    wide = reduce_level(wide, self._device)
             else:
                 add_band(here, None, share, total, self._device)
 
@@ -118,12 +118,12 @@ class SplineBlend:
         """Return a mask whose step at a border is a slope some texels long, since the finest band has a step of its own."""
         full = np.ones((*mask.shape, 4), np.float32)
         full[:, :, :3] = mask[:, :, None]
-        below = normalized(reduced(uploaded(full, self._device), self._device), self._device)
-        return expanded(below, self._shapes[0], self._device)
+        below = normalize_level(reduce_level(upload_image(full, self._device), self._device), self._device)
+        return expand_level(below, self._shapes[0], self._device)
 
     def result(self) -> Array:
         """Return the blend, (H, W, 3); zero where no layer had any weight."""
-        image = normalized(self._sums[-1], self._device)
+        image = normalize_level(self._sums[-1], self._device)
         for number in range(len(self._sums) - 2, -1, -1):
-            image = collapsed(self._sums[number], expanded(image, self._shapes[number], self._device), self._device)
+            image = collapse_level(self._sums[number], expand_level(image, self._shapes[number], self._device), self._device)
         return np.maximum(image.numpy()[:, :, :3], 0)

@@ -247,7 +247,7 @@ def _colmap_views(path: Path) -> Iterator[_View]:
         yield name, partial(_make_photograph, name, path, values)
 
 
-def _centred(name: str, path: Path, focal: float, values: dict[str, Any], folders: list[Path]) -> Camera:
+def _center(name: str, path: Path, focal: float, values: dict[str, Any], folders: list[Path]) -> Camera:
     """Return a camera whose principal point is the middle of its photograph."""
     height, width = read_samples(_picture(name, folders, path)).shape[:2]
     k = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]]
@@ -270,7 +270,7 @@ def _bundler_views(path: Path) -> Iterator[_View]:
         if focal == 0:
             continue
         values = {"R": flip @ np.array(block[1:4]), "t": flip @ np.array(block[4]), "distortion": (k1, k2)}
-        yield name, partial(_centred, name, path, focal, values)
+        yield name, partial(_center, name, path, focal, values)
 
 
 def _nvm_views(path: Path) -> Iterator[_View]:
@@ -298,7 +298,7 @@ def _nvm_views(path: Path) -> Iterator[_View]:
         if numbers[8] != 0:
             raise InputError(f"{path}: view {name} has VisualSFM's radial distortion; export undistorted images")
         values = {"R": turn, "t": -turn @ np.array(numbers[5:8])}
-        yield name, partial(_centred, name, path, numbers[0], values)
+        yield name, partial(_center, name, path, numbers[0], values)
 
 
 def _middlebury_views(path: Path) -> Iterator[_View]:

@@ -32,7 +32,7 @@ def write_ptm(texture: Relightable, path: PathLike) -> None:
     """
     maps = polynomial_maps(texture) * np.float32(255)
     if texture.chroma is not None or maps.shape[3] == 1:
-        shares, peak = colour_shares(np.ones((*maps.shape[1:3], 3)) if texture.chroma is None else texture.chroma)
+        shares, peak = color_shares(np.ones((*maps.shape[1:3], 3)) if texture.chroma is None else texture.chroma)
         maps *= peak[None, :, :, None]
         color = np.round(255 * shares).astype(np.uint8)
         blocks, name = [maps[..., 0]], "PTM_FORMAT_LRGB"
@@ -63,7 +63,7 @@ def write_ptm(texture: Relightable, path: PathLike) -> None:
             file.write(np.ascontiguousarray(color[::-1]).tobytes())
 
 
-def colour_shares(chroma: Array) -> tuple[Array, Array]:
+def color_shares(chroma: Array) -> tuple[Array, Array]:
     """Return a chromaticity (H, W, 3) as shares of its largest channel, in [0, 1], and that channel (H, W).
 
     So the brightest channel of a pixel uses all levels of a file; the luminance is multiplied by the largest channel.

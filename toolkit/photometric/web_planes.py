@@ -18,7 +18,7 @@ from intaglio.errors import FileError
 from intaglio.files import whole_folder
 from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
 from intaglio.photometric.light_positions import spread_lights
-from intaglio.photometric.ptm_file import colour_shares, polynomial_maps
+from intaglio.photometric.ptm_file import color_shares, polynomial_maps
 from intaglio.photometric.relightable import Relightable
 
 # The viewer's Gaussian weight is exp(−d² / sigma²); the lights are about as far apart as it is wide.
@@ -123,7 +123,7 @@ def _planes(texture: Relightable) -> tuple[Array, dict[str, object], Array | Non
     if isinstance(texture.basis, PolynomialBasis):
         maps = polynomial_maps(texture)[[5, 3, 4, 0, 2, 1]]
         if texture.chroma is not None:
-            shares, peak = colour_shares(texture.chroma)
+            shares, peak = color_shares(texture.chroma)
             planes = np.concatenate([np.moveaxis(shares, 2, 0), maps[..., 0] * peak])
             return planes, {"type": "ptm", "colorspace": "lrgb"}, None
         return _by_channel(maps), {"type": "ptm", "colorspace": "rgb"}, None

@@ -132,7 +132,7 @@ def _build_pyramid(high: Array, missing: Array, chart: Array, levels: int) -> li
     found: list[_Level] = []
     values, known, chart = high.astype(np.float32), ~missing & (chart > 0), chart.astype(np.int32)
     for number in range(levels):
-        if number and not find_whole_neighbourhoods(known, chart).any():
+        if number and not find_whole_neighborhoods(known, chart).any():
             break
         found.append(_Level(values, known, chart))
         # A coarse pixel is known if no missing pixel has any weight in it (the quantised mask pyramid of section 5.4).
@@ -147,7 +147,7 @@ def _build_pyramid(high: Array, missing: Array, chart: Array, levels: int) -> li
     return found
 
 
-def find_whole_neighbourhoods(known: Array, chart: Array) -> Array:
+def find_whole_neighborhoods(known: Array, chart: Array) -> Array:
     """Return the pixels, (H, W) bool, whose 5 x 5 surroundings are known and of one chart."""
     same = ndimage.minimum_filter(chart, 5, mode="constant") == ndimage.maximum_filter(chart, 5, mode="constant")
     return np.asarray(ndimage.minimum_filter(known, 5, mode="constant", cval=0) & same)
@@ -175,7 +175,7 @@ def _fill_level(
     open_now = ~level.known & (level.chart > 0)
     if not open_now.any():
         return done
-    whole = find_whole_neighbourhoods(level.known, level.chart)
+    whole = find_whole_neighborhoods(level.known, level.chart)
     if not whole.any():
         raise InputError("no 5 x 5 neighbourhood of known pixels is left to copy from; the mask covers nearly everything")
     table = _Table(pyramid, number, np.argwhere(whole), orientations)
@@ -275,7 +275,7 @@ class _Front:
         self._ready = np.union1d(self._ready, fresh[(self._lacking[fresh] == 0).any(axis=1)])
 
 
-def _neighbourhoods(pyramid: list[_Level], number: int, pixels: Array, orientation: Array) -> Array:
+def _neighborhoods(pyramid: list[_Level], number: int, pixels: Array, orientation: Array) -> Array:
     """Return neighbourhood vectors (M, D): the kernel here, 3 x 3 on the next level, single pixels on all higher ones."""
     parts = [pyramid[number].around(pixels, _OWN[orientation])]
     for above in range(number + 1, len(pyramid)):
@@ -303,7 +303,7 @@ class _Table:
         if key not in self._nearest:
             turned = range(8) if self._all else (orientation,)
             rows = [
-                _neighbourhoods(self._pyramid, self._number, self._candidates, np.full(len(self._candidates), o)) for o in turned
+                _neighborhoods(self._pyramid, self._number, self._candidates, np.full(len(self._candidates), o)) for o in turned
             ]
             self._nearest[key] = NearestWindows(np.concatenate(rows), _COMPONENTS, relative=True)
         found = self._nearest[key].find(queries)
@@ -319,13 +319,13 @@ def _match_pixels(
     The pixel has the nearest neighbourhood, or continues what a neighbour copies.
     """
     level = pyramid[number]
-    query = _neighbourhoods(pyramid, number, pixels, orientation)
+    query = _neighborhoods(pyramid, number, pixels, orientation)
     place, seen = np.zeros_like(pixels), np.zeros(len(pixels), int)
     for o in np.unique(orientation):
         which = orientation == o
         place[which], seen[which] = table.find(int(o), query[which])
     turn = _FROM[seen, orientation]
-    least = _relative_distance(_neighbourhoods(pyramid, number, place, seen), query)
+    least = _relative_distance(_neighborhoods(pyramid, number, place, seen), query)
     height, width = level.known.shape
     steps = _OWN[orientation]
     around = pixels[:, None, :] + steps
@@ -346,7 +346,7 @@ def _match_pixels(
     row, spot, leads = row[usable], spot[usable], leads[usable]
     if len(row) == 0:
         return place, turn
-    away = _relative_distance(_neighbourhoods(pyramid, number, spot, _AFTER[leads, orientation[row]]), query[row])
+    away = _relative_distance(_neighborhoods(pyramid, number, spot, _AFTER[leads, orientation[row]]), query[row])
     order = np.lexsort((away, row))
     order = order[np.concatenate([[True], np.diff(row[order]) != 0])]
     row, spot, leads, away = row[order], spot[order], leads[order], away[order]

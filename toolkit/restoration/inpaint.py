@@ -79,7 +79,7 @@ def _find_reachable(missing: Array, gives: Array, chart: Array) -> Array:
     number[unknown] = np.arange(count)
     beside_known = np.zeros(count, bool)
     rows, columns = [], []
-    for pixel, y, x, _ in _neighbours(unknown, gives, chart):
+    for pixel, y, x, _ in _neighbors(unknown, gives, chart):
         known = ~missing[y, x]
         beside_known[pixel[known]] = True
         rows.append(pixel[~known])
@@ -99,7 +99,7 @@ def _solve_limit(values: Array, unknown: Array, conducts: Array, chart: Array, s
     number[unknown] = np.arange(count)
     total, right = np.zeros(count), np.zeros((count, values.shape[2]))
     rows, columns, weights = [], [], []
-    for pixel, y, x, weight in _neighbours(unknown, conducts, chart):
+    for pixel, y, x, weight in _neighbors(unknown, conducts, chart):
         total[pixel] += weight
         known = ~unknown[y, x]
         right[pixel[known]] += weight * values[y[known], x[known]]
@@ -114,13 +114,13 @@ def _means(values: Array, done: Array, pixels: Array, chart: Array) -> Array:
     """Return the weighted means (M, C) of the finished neighbours of ``pixels``."""
     count = int(pixels.sum())
     total, summed = np.zeros(count), np.zeros((count, values.shape[2]))
-    for pixel, y, x, weight in _neighbours(pixels, done, chart):
+    for pixel, y, x, weight in _neighbors(pixels, done, chart):
         total[pixel] += weight
         summed[pixel] += weight * values[y, x]
     return np.asarray(summed / np.maximum(total, 1e-12)[:, None])
 
 
-def _neighbours(pixels: Array, conducts: Array, chart: Array) -> Iterator[tuple[Array, Array, Array, float]]:
+def _neighbors(pixels: Array, conducts: Array, chart: Array) -> Iterator[tuple[Array, Array, Array, float]]:
     """Yield, for each step of the kernel, the ``pixels`` (by number) with a conducting neighbour, its place, and the weight."""
     y, x = np.nonzero(pixels)
     for dy, dx, weight in _STEPS:

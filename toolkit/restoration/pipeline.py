@@ -12,7 +12,7 @@ from intaglio.checks import checked_choice, checked_count, checked_mask, checked
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pull_push import continue_image
-from intaglio.restoration.fill import find_whole_neighbourhoods, synthesize_hole
+from intaglio.restoration.fill import find_whole_neighborhoods, synthesize_hole
 from intaglio.restoration.frequency import MOST_SUBBANDS, choose_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
 from intaglio.restoration.poisson import fit_to_surroundings
@@ -204,7 +204,7 @@ def restore(
     scaled = ((exact - low_end) / span).astype(np.float32)
     smooth = inpaint(scaled, hole, chart=chart, barriers=stops)
     notes: list[str] = []
-    if method != "inpaint" and not find_whole_neighbourhoods(known, chart).any():
+    if method != "inpaint" and not find_whole_neighborhoods(known, chart).any():
         notes.append("no 5 x 5 neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
         method = "inpaint"
     result, low, source, bands = smooth, smooth, here, MOST_SUBBANDS

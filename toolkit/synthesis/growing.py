@@ -13,7 +13,7 @@ from intaglio.checks import checked_mask, checked_size
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
-from intaglio.kernels.windows import Level, WindowSearch, neighbourhoods
+from intaglio.kernels.windows import Level, WindowSearch, neighborhoods
 from intaglio.photometric import Relightable
 from intaglio.randomness import Stream, checked_seed, uniform
 from intaglio.synthesis.options import GrowOptions
@@ -236,7 +236,7 @@ def _group_similar(level: Level, coarse: Level | None, candidates: Array, side: 
         notes.append(f"{most} of {len(candidates)} neighbourhoods of the sample compared, evenly spread")
         candidates = candidates[np.linspace(0, len(candidates) - 1, most).astype(int)]
     with single_threaded_blas():
-        rows = neighbourhoods(level, coarse, candidates, side)
+        rows = neighborhoods(level, coarse, candidates, side)
         part = rows[np.linspace(0, len(rows) - 1, min(len(rows), 2000)).astype(int)].astype(np.float64)
         part -= part.mean(axis=0)
         axes = np.linalg.eigh(part.T @ part)[1][:, -_COMPONENTS:]

@@ -49,21 +49,21 @@ def plan_blocks(shape: tuple[int, int], block: int, overlap: int, *, tileable: b
     place = np.argsort(order).reshape(rows, columns)
 
     overlaps = np.zeros((rows, columns, 4), np.int32)
-    neighbour = np.full((rows, columns, 4), -1, np.int32)
+    neighbor = np.full((rows, columns, 4), -1, np.int32)
     overlaps[:, 1:, LEFT] = block - np.diff(xs)[None, :]
     overlaps[1:, :, TOP] = block - np.diff(ys)[:, None]
-    neighbour[:, 1:, 0] = place[:, :-1]
-    neighbour[1:, :, 1] = place[:-1, :]
-    neighbour[1:, 1:, 2] = place[:-1, :-1]
+    neighbor[:, 1:, 0] = place[:, :-1]
+    neighbor[1:, :, 1] = place[:-1, :]
+    neighbor[1:, 1:, 2] = place[:-1, :-1]
     if continued:
-        neighbour[1:, :-1, 3] = place[:-1, 1:]
+        neighbor[1:, :-1, 3] = place[:-1, 1:]
     if tileable:
         # Blocks that extend over the edge overlap the first ones.
         overlaps[:, :, RIGHT] = np.maximum(xs + block - canvas[1], 0)[None, :]
         overlaps[:, :, BOTTOM] = np.maximum(ys + block - canvas[0], 0)[:, None]
         if not continued:
-            neighbour[:, :, 3][(overlaps[..., RIGHT] > 0) | (overlaps[..., BOTTOM] > 0)] = -2
+            neighbor[:, :, 3][(overlaps[..., RIGHT] > 0) | (overlaps[..., BOTTOM] > 0)] = -2
     origin = np.stack(np.meshgrid(ys, xs, indexing="ij"), axis=2).astype(np.int32)
     waves = np.concatenate([[0], np.cumsum(np.bincount(wave.ravel()))])
-    flat = [a.reshape(rows * columns, -1)[order] for a in (origin, np.minimum(overlaps, block), neighbour)]
+    flat = [a.reshape(rows * columns, -1)[order] for a in (origin, np.minimum(overlaps, block), neighbor)]
     return Blocks(block, flat[0], flat[1], flat[2], waves, canvas)

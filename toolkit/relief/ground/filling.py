@@ -140,10 +140,10 @@ class _Scan:
 
     def joined(self, rim: Array) -> Array:
         """Return the pairs (E, 2) of vertices of ``rim`` (sorted) that an edge joins already, the smaller first."""
-        offsets, neighbours = self._topology.offsets, self._topology.neighbours
+        offsets, neighbors = self._topology.offsets, self._topology.neighbors
         degree = offsets[rim + 1] - offsets[rim]
         first = np.repeat(rim, degree)
-        other = neighbours[_rows(offsets[rim], degree)]
+        other = neighbors[_rows(offsets[rim], degree)]
         pairs = np.stack([first, other], axis=1)
         pairs = np.concatenate([pairs[(first < other) & np.isin(other, rim)], self._made[np.isin(self._made, rim).all(axis=1)]])
         return np.unique(pairs, axis=0)

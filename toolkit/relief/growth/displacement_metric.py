@@ -14,7 +14,7 @@ from intaglio.kernels.approximate_search import ApproximateSearch, Patchwork
 from intaglio.kernels.geodesics import trace
 from intaglio.kernels.launch import threads
 from intaglio.kernels.location import GridLocator, polar_grid
-from intaglio.kernels.neighbourhoods import Matches, NeighbourhoodMatcher
+from intaglio.kernels.neighborhoods import Matches, NeighborhoodMatcher
 from intaglio.mesh import SmoothBase, largest_faces
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
@@ -52,7 +52,7 @@ class DisplacementMetric:
         R, at least 1.
     device : str
     engine : {"auto", "blas", "warp"}
-        See `NeighbourhoodMatcher`.
+        See `NeighborhoodMatcher`.
     comparison : Comparison
         What is compared beside relief.
     approximate : bool
@@ -124,7 +124,7 @@ class DisplacementMetric:
         textured = self._upload_textured(state.textured)
         for first in range(0, len(targets), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            value, weight, supported = self._neighbourhoods(targets[part], window[part], fields, textured)
+            value, weight, supported = self._neighborhoods(targets[part], window[part], fields, textured)
             chosen, found = self._choose(targets[part], value, weight, state, selection, draw[part])
             candidate[part] = np.where(supported, chosen, -1)
             cost[part] = found
@@ -141,13 +141,13 @@ class DisplacementMetric:
         samples = filled_sample_set(self._ground, state.textured, state.height, state.source, state.rotation, state.color)
         self._take_samples(samples, state.textured, state.height, state.color)
 
-    def neighbourhoods(self, targets: Array, window: Array, state: State) -> tuple[Array, Array, Array]:
+    def neighborhoods(self, targets: Array, window: Array, state: State) -> tuple[Array, Array, Array]:
         """Return values (T, G C) and weights (T, G C) of G grid points in C channels, and (T,) whether anything is known.
 
         Weights of relief (and of each colour) sum to 1 over what is known.
         """
         fields = self._fields(state.height, state.color)
-        return self._neighbourhoods(targets, window, fields, self._upload_textured(state.textured))
+        return self._neighborhoods(targets, window, fields, self._upload_textured(state.textured))
 
     def vote(self, targets: Array, picks: Picks, rows: Array, window: int, confidence: Array) -> tuple[Array, Array | None]:
         """See `VotingMetric.vote`."""
@@ -186,7 +186,7 @@ class DisplacementMetric:
         if selection.rule == "near-best":
             matches = self._matches(targets, value, weight, state, 1 + selection.tolerance)
             return choose_near_best(matches.candidate, matches.cost, matches.count, selection.tolerance, draw)
-        ranked = self._matcher.ranked(value, weight, selection.eta / 100, draw)
+        ranked = self._matcher.pick_ranked(value, weight, selection.eta / 100, draw)
         return np.where(ranked.count > 0, ranked.candidate[:, 0], -1), ranked.cost[:, 0]
 
     def _matches(self, targets: Array, value: Array, weight: Array, state: State, factor: float) -> Matches:
@@ -203,14 +203,14 @@ class DisplacementMetric:
             ground.u,
             ground.v,
             ground.topology.offsets,
-            ground.topology.neighbours,
+            ground.topology.neighbors,
             state.sample,
             state.rotation,
         )
         seed = int(2**31 * uniform(self._seed, Stream.RELIEF_LANDMARKS, 1 + self._calls))
         return self._search.match(targets, value, weight, patchwork, np.where(listed, of_all, -1), factor, seed)
 
-    def _neighbourhoods(
+    def _neighborhoods(
         self, targets: Array, window: Array, fields: Sequence[wp.array], textured: wp.array
     ) -> tuple[Array, Array, Array]:
         rows, grid = self._grids(targets)
@@ -252,7 +252,7 @@ class DisplacementMetric:
         compared = np.arange(count)
         if self._approximate:
             compared = self._lay_landmarks(complete)
-        self._matcher = NeighbourhoodMatcher(
+        self._matcher = NeighborhoodMatcher(
             self._value[compared], self._known[compared], self._turns, device=self.device, engine=self.engine
         )
 

@@ -103,7 +103,7 @@ def grow_relief(
         if filled == 0 and viable:
             threshold *= 1.1
         elif filled == 0 and (windows[boundary] == 1).all():
-            _take_from_neighbours(state, boundary, graph)
+            _take_from_neighbors(state, boundary, graph)
             orphans += len(boundary)
     return Growth(state, waves, threshold, int((windows[targets] < window).sum()), orphans)
 
@@ -120,7 +120,7 @@ def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepte
     state.textured[vertices] = True
 
 
-def _take_from_neighbours(state: State, vertices: Array, graph: csr_array) -> None:
+def _take_from_neighbors(state: State, vertices: Array, graph: csr_array) -> None:
     """Let ``vertices`` carry the relief of their first textured neighbour, marked by an infinite error."""
     for vertex in vertices:
         near = graph.indices[graph.indptr[vertex] : graph.indptr[vertex + 1]]

@@ -78,17 +78,17 @@ def _expected_change(ground: Ground, state: State, samples: Samples, inner: Arra
     first, last = topology.offsets[source], topology.offsets[source + 1]
     degree = last - first
     row = np.repeat(np.arange(len(source)), degree)
-    neighbour = topology.neighbours[
+    neighbor = topology.neighbors[
         np.arange(degree.sum()) - np.repeat(np.cumsum(degree) - degree, degree) + np.repeat(first, degree)
     ]
     sample = state.sample[inner]
-    step = ground.foot[neighbour] - samples.foot[sample[row]]
+    step = ground.foot[neighbor] - samples.foot[sample[row]]
     away = (np.einsum("ij,ij->i", step, samples.u[sample[row]]) - x[row]) ** 2
     away += (np.einsum("ij,ij->i", step, samples.v[sample[row]]) - y[row]) ** 2
-    away[~ground.measured[neighbour]] = np.inf
+    away[~ground.measured[neighbor]] = np.inf
     order = np.lexsort([away, row])
     best = order[np.cumsum(degree) - degree]
-    change = state.height[neighbour[best]] - samples.height[sample]
+    change = state.height[neighbor[best]] - samples.height[sample]
     # A neighbour further off than the offset changes by as much more.
     reach = np.linalg.norm(step[best], axis=1)
     change *= np.minimum(1.0, np.hypot(x, y) / np.maximum(reach, 1e-300))

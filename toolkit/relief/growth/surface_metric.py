@@ -45,13 +45,13 @@ class SurfaceMetric:
             u=ground.u,
             v=ground.v,
             offsets=topology.offsets,
-            neighbours=topology.neighbours,
+            neighbors=topology.neighbors,
             face_offsets=topology.face_offsets,
             incident=topology.incident,
             faces=ground.faces,
         )
         self._matcher = SurfaceMatcher(mesh, np.stack([np.cos(angle), np.sin(angle)], axis=1), device)
-        self._rings = ring_neighbourhoods(ground, window)
+        self._rings = ring_neighborhoods(ground, window)
         self._take(samples, ground.measured)
 
     def pick(self, targets: Array, window: Array, state: State, selection: Selection, draw: Array) -> Picks:
@@ -104,22 +104,22 @@ class SurfaceMetric:
 
     def _textured_lists(self, targets: Array, window: Array, textured: Array) -> tuple[Array, Array, Array]:
         """Return offsets (T + 1,), textured neighbours and weights that sum to 1 for each target."""
-        offsets, neighbour, ring, weight = self._rings
+        offsets, neighbor, ring, weight = self._rings
         counts = np.diff(offsets)[targets]
         row = np.repeat(np.arange(len(targets)), counts)
         at = np.repeat(offsets[targets] - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-        use = textured[neighbour[at]] & (ring[at] <= window[row])
+        use = textured[neighbor[at]] & (ring[at] <= window[row])
         row, at = row[use], at[use]
         total = np.bincount(row, weight[at], len(targets))
         out = np.zeros(len(targets) + 1, np.int32)
         np.cumsum(np.bincount(row, minlength=len(targets)), out=out[1:])
-        return out, neighbour[at], (weight[at] / total[row]).astype(np.float32)
+        return out, neighbor[at], (weight[at] / total[row]).astype(np.float32)
 
     def _unit(self, points: Array) -> Array:
         return (points - self._center) / self._scale
 
 
-def ring_neighbourhoods(ground: Ground, window: int) -> tuple[Array, Array, Array, Array]:
+def ring_neighborhoods(ground: Ground, window: int) -> tuple[Array, Array, Array, Array]:
     """Return, for every target, the vertices within ``window`` edges: offsets (N + 1,), vertex, ring, Gaussian weight.
 
     Neighbours are ordered ring by ring and by angle, so that each lies next to the one before it.

@@ -102,7 +102,7 @@ class Matches:
     count: np.ndarray
 
 
-class NeighbourhoodMatcher:
+class NeighborhoodMatcher:
     """Compares targets with all samples at all rotations.
 
     Parameters
@@ -199,7 +199,7 @@ class NeighbourhoodMatcher:
         shortlist = np.ascontiguousarray(shortlist[:, :longest])
         return Matches(shortlist, self.direct_cost(value, weight, shortlist, listed), listed)
 
-    def ranked(self, value: np.ndarray, weight: np.ndarray, share: float, pick: np.ndarray) -> Matches:
+    def pick_ranked(self, value: np.ndarray, weight: np.ndarray, share: float, pick: np.ndarray) -> Matches:
         """Pick one of the best ``share`` of all viable candidates per target: number ``pick`` (in [0, 1)) of them.
 
         The rank is by the engine's own cost, whose rounding is far below the spread of the best percents; the cost
