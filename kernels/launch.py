@@ -22,6 +22,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+# Warp greets with a banner and reports every module that it loads. Where Intaglio is imported, it is as quiet as NumPy instead:
+# only warnings and errors are shown. INTAGLIO_VERBOSE=1 asks for the reports, and a level that was set before
+# (``warp.config.log_level``, other than Warp's own default) stays as it is.
+if wp.config.log_level == wp.LOG_INFO and os.environ.get("INTAGLIO_VERBOSE", "") in ("", "0"):
+    wp.config.log_level = wp.LOG_WARNING
+
 # Nanoseconds of work that pay for handing them to a thread.
 _WORTH_A_THREAD = 100_000
 
@@ -64,7 +70,7 @@ _started = False
 def start_warp() -> None:
     """Start Warp, which happens once; later calls return at once.
 
-    `intaglio.kernels` lowers Warp's log level when it is imported, which silences the banner. One line more, which says that
+    This module lowers Warp's log level when it is imported, which silences the banner. One line more, which says that
     there is no NVIDIA driver, is written by compiled code straight to file descriptor 2. Where the driver is indeed missing,
     that descriptor leads to a file for the moment of the start, and all but this line is then passed on.
     """

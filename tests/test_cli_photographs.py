@@ -158,6 +158,8 @@ def test_masks_of_all_kinds(picture, run):
         (["image.png", "full.png", "-o", "out.png"], "covers everything"),
         (["image.png", "mask.png", "-o", "out.png", "--method", "inpaint", "--kappa", "3"], "--kappa"),
         (["image.png", "mask.png", "-o", "out.png", "--method", "synthesize", "--kappa", "3"], "--kappa"),
+        (["image.png", "mask.png", "-o", "out.png", "--orientations", "4"], "orientations must be 1"),
+        (["image.png", "mask.png", "-o", "out.png", "--method", "inpaint", "--orientations", "8"], "--orientations is for"),
         (["image.png", "nothing.png", "-o", "out.png"], "no such file"),
     ],
 )

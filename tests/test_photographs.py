@@ -380,7 +380,7 @@ VIEW = {"image": "a.png", "K": [[80, 0, 32], [0, 80, 24], [0, 0, 1]], "R": np.ey
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"R": (2 * np.eye(3)).tolist()}, "no rotation"),
+        ({"R": (2 * np.eye(3)).tolist()}, "not a rotation"),
         ({"R": np.diag([1, 1, -1.0]).tolist()}, "reflection"),
         ({"R": [[1, 0], [0, 1]]}, "3 x 3"),
         ({"K": [[80, 0, 32], [5, 80, 24], [0, 0, 1]]}, "upper triangular"),

@@ -89,7 +89,9 @@ def test_commands_run(folder, run):
     for line in lines:
         words = shlex.split(line)
         assert words[0] == "intaglio"
+        import time as _t; _s = _t.perf_counter(); _c = _t.process_time()
         status, _, errors = run(*words[1:])
+        open("/tmp/d-try/lines", "a").write(f"{_t.perf_counter() - _s:.1f} {_t.process_time() - _c:.1f} {line}\n")
         assert status == 0, f"{line}\n{errors}"
         for option in ("-o", "--report", "--mesh", "--maps"):
             if option in words:

@@ -35,7 +35,7 @@ def test_unusable_llvm_libraries_are_not_handed_on(monkeypatch, tmp_path):
     path, why = usable_llvm()
     usable_llvm.cache_clear()
     assert path is None
-    assert "no LLVM 17" in why
+    assert "not an LLVM 17" in why
     assert llvm_version(str(fake)) is None
 
 
