@@ -14,7 +14,8 @@ import warp as wp
 
 from intaglio.kernels.lanes import ABSOLUTE, LANES, RELATIVE, SLACK, UNUSABLE, absolute_terms, difference, squared_terms, vec16
 
-wp.set_module_options({"enable_backward": False})
+# Loops unrolled to more than four rounds would take the compiler several times as long, and run no faster.
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
 # Pixels of the coarser level that count: 3 x 3 around the parent.
 _PARENTS = wp.constant(9)

@@ -36,7 +36,7 @@ def bumpy(surface, amount):
 
 def tube():
     """Three quarters of a bumpy tube."""
-    turn, along = np.meshgrid(np.linspace(0, 1.5 * np.pi, 48), np.linspace(0, 3, 30))
+    turn, along = np.meshgrid(np.linspace(0, 1.5 * np.pi, 36), np.linspace(0, 3, 24))
     radius = 1 + 0.04 * np.sin(6 * turn) * np.sin(6 * along)
     points = np.stack([radius * np.cos(turn), radius * np.sin(turn), along], axis=-1).reshape(-1, 3)
     number = np.arange(points.shape[0]).reshape(turn.shape)
@@ -49,20 +49,20 @@ def tube():
 def folder(tmp_path, monkeypatch):
     """A folder with every file that the examples read."""
     monkeypatch.chdir(tmp_path)
-    egg = trimesh.creation.icosphere(subdivisions=4)
+    egg = trimesh.creation.icosphere(subdivisions=3)
     statue = bumpy(Surface(vertices=egg.vertices * (1.0, 0.6, 1.3), faces=egg.faces), 0.03)
     statue.part(np.linalg.norm(statue.vertices - (1, 0, 0), axis=1) > 0.3).write("statue.ply")
     ball = bumpy(Surface(vertices=21 * egg.vertices, faces=egg.faces), 0.3)
     ball.part(ball.vertices[:, 2] > -10).write("golfball.ply")
     tube().write("bark.ply")
     tube().write("vase.obj")
-    wall = bumpy(grid(30, 30), 0.02)
+    wall = bumpy(grid(24, 24), 0.02)
     wall.part(np.linalg.norm(wall.vertices[:, :2] - 0.5, axis=1) > 0.15).write("wall.ply")
 
-    write_capture(Path(), lambertian(scattered(16), 40, 48), ".png")
-    row, column = np.mgrid[:64, :64]
+    write_capture(Path(), lambertian(scattered(12), 20, 24), ".png")
+    row, column = np.mgrid[:28, :28]
     rng = np.random.default_rng(1)
-    sample = np.clip(0.4 + 0.2 * np.sin(row / 3) * np.sin(column / 3) + 0.05 * rng.normal(size=(64, 64)), 0, 1)
+    sample = np.clip(0.4 + 0.2 * np.sin(row / 3) * np.sin(column / 3) + 0.05 * rng.normal(size=(28, 28)), 0, 1)
     write_image(np.repeat(sample[:, :, None], 3, axis=2).astype(np.float32), "sample.png")
     write_image(np.repeat(sample[:, :, None], 3, axis=2).astype(np.float32), "photograph.png")
     write_image((np.abs(row - column) < 3).astype(np.float32), "scratches.png")
@@ -77,7 +77,7 @@ def folder(tmp_path, monkeypatch):
         views.append({**view, "width": 64, "height": 64})
     Path("cameras.json").write_text(json.dumps(views))
 
-    points, normals, _ = weave(8, 0.13)
+    points, normals, _ = weave(7, 0.18)
     PointSet(points, normals).write("weave.ply")
     return tmp_path
 
@@ -89,9 +89,7 @@ def test_commands_run(folder, run):
     for line in lines:
         words = shlex.split(line)
         assert words[0] == "intaglio"
-        import time as _t; _s = _t.perf_counter(); _c = _t.process_time()
         status, _, errors = run(*words[1:])
-        open("/tmp/d-try/lines", "a").write(f"{_t.perf_counter() - _s:.1f} {_t.process_time() - _c:.1f} {line}\n")
         assert status == 0, f"{line}\n{errors}"
         for option in ("-o", "--report", "--mesh", "--maps"):
             if option in words:

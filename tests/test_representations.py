@@ -306,5 +306,6 @@ def test_relit_values_are_not_negative_unless_asked():
     assert texture.relight(light).min() == 0
     assert texture.relight(light, clip=False).min() < 0
     many = texture.relight(np.array([light, [0, 0, 1]]))
-    np.testing.assert_array_equal(many[0], texture.relight(light))
+    # A matrix product of more columns may add in another order: one unit in the last place.
+    np.testing.assert_allclose(many[0], texture.relight(light), rtol=0, atol=1.2e-7)
     assert intaglio.Relightable is type(texture)

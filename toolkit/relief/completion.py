@@ -69,8 +69,16 @@ def complete_relief(
     base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
         The base, or the kind to fit. "smooth": the scan's own smoothed surface, carried on over its holes. "auto": a plane,
         cylinder or sphere where one fits, else "smooth".
-    window, rotations, levels, refine, color_weight, search
-        See `ReliefSettings`.
+    window : int, optional
+        Radius of the neighbourhoods in edges, 1 to 64; default from the relief. See `ReliefSettings` for this and the next ones.
+    rotations : int, optional
+        Rotations at which every sample is tried; default from the relief.
+    levels : int
+        Scales, 1 to 6.
+    refine : int
+        Refinement passes, 0 to 100.
+    color_weight : float, optional
+        How much colour counts beside shape, 0 to 1; default shape alone.
     spacing : float, optional
         Distance between targets, a length in the input's unit; default from the scan's edges.
     extent : str or sequence of float, optional
@@ -79,6 +87,8 @@ def complete_relief(
     holes : {"all", "largest", "every"}, int or sequence of int, optional
         With a smooth base: what to fill. "all": the holes that the scan encloses (default); "every": where the scan ends as
         well; numbers as `list_holes` gives them.
+    search : {"auto", "exhaustive", "approximate"}
+        Compare every sample, or look in likely places.
     seed : int
         The same seed gives the same bits.
     device : str, optional
@@ -146,8 +156,14 @@ def prepare_relief(
     ----------
     surface : Surface
         The scan; all its vertices count as measured.
-    base, spacing, extent, holes
-        See `complete_relief`.
+    base : Base or {"auto", "plane", "cylinder", "sphere", "smooth"}
+        The base, or the kind to fit; see `complete_relief`.
+    spacing : float, optional
+        Distance between targets, a length in the input's unit; default from the scan's edges.
+    extent : str or sequence of float, optional
+        What to complete of a plane, cylinder or sphere; see `complete_relief`.
+    holes : {"all", "largest", "every"}, int or sequence of int, optional
+        With a smooth base: what to fill; see `complete_relief`.
     hole_size : (low, high), optional
         With a smooth base: only holes whose rim is so long, in the input's unit.
     relief_scale : float, optional
@@ -225,8 +241,8 @@ class PreparedRelief:
     >>> points[9:13, 9:13] = np.nan
     >>> scan = intaglio.surface_from_range_image(points, view=(12, 12, 100))
     >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
-    >>> prepared.spacing
-    1.0
+    >>> prepared.targets, round(prepared.spacing, 2)
+    (16, 1.0)
     """
 
     surface: Surface

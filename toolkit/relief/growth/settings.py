@@ -69,13 +69,13 @@ class ReliefSettings:
     Parameters
     ----------
     window : int, optional
-        w: radius of the neighbourhoods in edges (times the spacing in length), 1 to 64. It should cover the largest feature
+        Radius w of the neighbourhoods in edges (times the spacing in length), 1 to 64. It should cover the largest feature
         that repeats. Default from the relief's period or correlation length.
     rotations : int, optional
-        R: every sample is tried at R rotations about its normal, up to 720. 0 or 1 for none, as suits relief with a direction;
+        Every sample is tried at R rotations about its normal, up to 720. 0 or 1 for none, as suits relief with a direction;
         12 or more for isotropic relief. Default 1 where the relief has a direction, else 12.
     error : float, optional
-        e: a match is accepted below this weighted mean squared distance, in squared input units. It rises by 10 % whenever no
+        A match is accepted below this bound e on its weighted mean squared distance, in squared input units. It rises by 10 % whenever no
         target can be filled. With several levels the difference in coarse relief counts in a match's distance as well. Default
         from the noise, between a tenth and a half of the variance of what is compared.
     levels : int
