@@ -221,7 +221,7 @@ def prepare_relief(
 class PreparedRelief:
     """A scan over its base, with targets over what is missing: what `prepare_relief` returns.
 
-    Attributes
+    Parameters
     ----------
     surface : Surface
         The scan.
@@ -252,22 +252,74 @@ class PreparedRelief:
 
     @property
     def base(self) -> Base:
-        """The smooth base, with its fit if it was fitted."""
+        """The smooth base, with its fit if it was fitted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+        >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+        >>> points[6:9, 6:9] = np.nan
+        >>> scan = intaglio.surface_from_range_image(points, view=(8, 8, 100))
+        >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+        >>> prepared.base.kind
+        'plane'
+        """
         return self.ground.base
 
     @property
     def spacing(self) -> float:
-        """Distance between targets, in the input's unit."""
+        """Distance between targets, in the input's unit.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+        >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+        >>> points[6:9, 6:9] = np.nan
+        >>> scan = intaglio.surface_from_range_image(points, view=(8, 8, 100))
+        >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+        >>> round(prepared.spacing, 1)
+        1.0
+        """
         return self.ground.spacing
 
     @property
     def targets(self) -> int:
-        """How many vertices are to be filled."""
+        """How many vertices are to be filled.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+        >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+        >>> points[6:9, 6:9] = np.nan
+        >>> scan = intaglio.surface_from_range_image(points, view=(8, 8, 100))
+        >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+        >>> prepared.targets
+        9
+        """
         return int((~self.ground.measured).sum())
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was chosen, for the user."""
+        """What was chosen, for the user.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> x, y = np.meshgrid(np.arange(16.0), np.arange(16.0))
+        >>> points = np.stack([x, y, 0.4 * np.sin(x)], axis=-1)
+        >>> points[6:9, 6:9] = np.nan
+        >>> scan = intaglio.surface_from_range_image(points, view=(8, 8, 100))
+        >>> prepared = intaglio.prepare_relief(scan, "plane", extent="holes")
+        >>> prepared.notes[-1]
+        '9 targets in 1 region'
+        """
         return self.ground.notes
 
     def complete(

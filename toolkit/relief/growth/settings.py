@@ -75,9 +75,9 @@ class ReliefSettings:
         Every sample is tried at R rotations about its normal, up to 720. 0 or 1 for none, as suits relief with a direction;
         12 or more for isotropic relief. Default 1 where the relief has a direction, else 12.
     error : float, optional
-        A match is accepted below this bound e on its weighted mean squared distance, in squared input units. It rises by 10 % whenever no
-        target can be filled. With several levels the difference in coarse relief counts in a match's distance as well. Default
-        from the noise, between a tenth and a half of the variance of what is compared.
+        A match is accepted below this bound e on its weighted mean squared distance, in squared input units. The bound rises by
+        10 % whenever no target can be filled. With several levels the difference in coarse relief counts in a match's distance
+        as well. Default from the noise, between a tenth and a half of the variance of what is compared.
     levels : int
         Scales, 1 to 6: relief is completed coarse to fine. Each level's targets lie half as far apart as those of the one
         before it, and are compared in the coarser relief as well.
@@ -165,7 +165,14 @@ class ReliefSettings:
 
     @property
     def compares_all(self) -> bool:
-        """Whether every sample must be compared: ranks and growing sample sets need it."""
+        """Whether every sample must be compared: ranks and growing sample sets need it.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.ReliefSettings(bootstrap=True).compares_all
+        True
+        """
         return self.bootstrap or self.selection.rule == "best-percent"
 
     def _check_together(self) -> None:
