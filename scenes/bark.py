@@ -1,4 +1,4 @@
-"""A tree trunk seen from one side: real bark, relief and colour, on a cylinder (paper 000, section 6).
+"""A tree trunk seen from one side: real bark, relief and colour, on a cylinder (Breckon & Fisher, 3DIM 2005, section 6).
 
 The material repeats without a seam, so that it closes around the trunk, and the truth of the unseen half is known.
 """

@@ -1,4 +1,4 @@
-"""Bumps scanned from one side, so that each hides what is behind it (paper 001, figure 8)."""
+"""Bumps scanned from one side, so that each hides what is behind it (Breckon & Fisher, TPAMI 2008, figure 8)."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, names: tuple[str, ...] = tuple(STACKS)) -> dic
             continue
         stack = read_stack(path, **reading)
         kinds = tuple(k for k in KINDS if k != "height") if stack.shape[0] > 100 else KINDS
-        figures[name] = assess_kinds(stack.grey(), kinds, device=args.device)
+        figures[name] = assess_kinds(stack.gray(), kinds, device=args.device)
         cells = [
             " / ".join("–" if r is None else f"{r.normalized_rms:.3f}" for r in figures[name][k]) if k in figures[name] else "–"
             for k in KINDS

@@ -1,4 +1,4 @@
-"""Storeys of arched windows on a tower, with a hole in them (paper 001, figure 12)."""
+"""Storeys of arched windows on a tower, with a hole in them (Breckon & Fisher, TPAMI 2008, figure 12)."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def _segment(p, a, b):
 
 
 def surface_cost(ground, height, textured, is_sample, target, window, sigma, foot_s, u_s, v_s, angle):
-    """Eq. 2 of paper 001 for one target and one candidate, inf where it is not viable; brute force over all vertices."""
+    """Eq. 2 of Breckon & Fisher, TPAMI 2008, for one target and one candidate, inf where it is not viable; brute force over all vertices."""
     foot, position = ground.foot, ground.foot + height[:, None] * ground.normal
     ring = rings(ground.faces, target, window)
     near = [i for i in ring if i != target and textured[i]]

@@ -55,23 +55,23 @@ def test_relight_on_a_mesh(run, capture, tmp_path):
 
 
 def test_assess(run, capture, tmp_path):
-    status, said, _ = run("assess", capture, "--kinds", "gradient,ptm,rbf", "-o", tmp_path / "r.html")
+    status, said, _ = run("assess", "capture", capture, "--kinds", "gradient,ptm,rbf", "-o", tmp_path / "r.html")
     assert status == 0
     assert [line.split()[0] for line in said.splitlines()[:4]] == ["kind", "gradient", "ptm", "rbf"]
     page = (tmp_path / "r.html").read_text()
     assert page.count("<svg") == 3
     assert "http" not in page.replace("http-equiv", "")
-    status, said, _ = run("assess", capture, "--kinds", "eigen3", "--no-leave-one-out", "--grey")
+    status, said, _ = run("assess", "capture", capture, "--kinds", "eigen3", "--no-leave-one-out", "--gray")
     assert status == 0
     assert said.splitlines()[1].split()[2] == "-"
 
 
 def test_a_kind_that_can_not_be_had_is_left_out(run, tmp_path):
     path = write_capture(tmp_path, noisy(dome(5, (45,))))
-    status, said, _ = run("assess", path, "--kinds", "gradient,ptm")
+    status, said, _ = run("assess", "capture", path, "--kinds", "gradient,ptm")
     assert status == 0
     assert said.splitlines()[2].split() == ["ptm", "-", "-", "-", "-"]
-    status, _, errors = run("assess", path, "--kinds", "ptm")
+    status, _, errors = run("assess", "capture", path, "--kinds", "ptm")
     assert status == 2
     assert "only 5 images" in errors
 
@@ -106,9 +106,9 @@ def test_info_shows_the_stack(run, capture, tmp_path):
         (("relight", "t.exr", "-o", "p.gif"), "unknown image type"),
         (("relight", "t.exr", "-o", "p.png", "--slant", "nan"), "finite"),
         (("relight", "t.exr", "-o", "p.png", "--exposure", "0"), "--exposure"),
-        (("assess", "{capture}", "--kinds", "hdr"), "'hdr' is not known"),
-        (("assess", "{capture}", "--kinds", ","), "--kinds is empty"),
-        (("assess", "{capture}", "-o", "r.pdf"), "unknown report type"),
+        (("assess", "capture", "{capture}", "--kinds", "hdr"), "'hdr' is not known"),
+        (("assess", "capture", "{capture}", "--kinds", ","), "--kinds is empty"),
+        (("assess", "capture", "{capture}", "-o", "r.pdf"), "unknown report type"),
         (("info", "README"), "no such file"),
     ],
 )

@@ -130,7 +130,7 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         ([sample, *out, "--block", "10", "--overlap", "10"], "overlap must be"),
         ([sample, *out, "--method", "grow", "--block", "10"], "--block is for --method quilt"),
         ([sample, *out, "--window", "5"], "--window is for --method grow"),
-        ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--grey"], "--grey is for photographs"),
+        ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--gray"], "--gray is for photographs"),
         ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--mask", other], "--mask is for photographs"),
         ([sample, *out, "--maps", tmp_path / "m"], "--maps is for"),
         ([sample, *out, "--mask", other], "the sample is 70 x 60"),

@@ -95,7 +95,7 @@ def test_an_image_without_contrast_is_left_out():
 )
 def test_reference_figures_on_real_stacks(real, item, gradient, ptm, eigen6, best):
     """Plain least squares by NumPy on the mean of the channels; and 18 components by thin plates over a stereographic chart."""
-    stack = read_stack(real(f"photometric/{item}"), "linear", grey=True)
+    stack = read_stack(real(f"photometric/{item}"), "linear", gray=True)
     for kind, expected in (("gradient", gradient), ("ptm", ptm)):
         for left_out in (False, True):
             assert assess_representation(stack, kind, left_out).normalized_rms == pytest.approx(expected[left_out], abs=0.005)
@@ -105,7 +105,7 @@ def test_reference_figures_on_real_stacks(real, item, gradient, ptm, eigen6, bes
 
 def test_real_normals(real):
     """DiLiGenT's ball: the authors' truth."""
-    stack = read_stack(real("photometric/diligent_ball"), grey=True)
+    stack = read_stack(real("photometric/diligent_ball"), gray=True)
     known = np.load(real("photometric/diligent_ball/normals.npy")).astype(np.float64)
 
     def errors(robust):

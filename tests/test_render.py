@@ -131,10 +131,10 @@ def test_comparison_of_equal_and_different_images():
     image = rng.uniform(size=(40, 50, 3)).astype(np.float32)
     same = compare(image, image)
     assert (same.rmse, same.psnr, same.ssim, same.flip) == (0, float("inf"), pytest.approx(1), pytest.approx(0, abs=1e-6))
-    grey = np.full((40, 50), 0.25, np.float32)
-    off = compare(grey + 0.1, grey)
+    gray = np.full((40, 50), 0.25, np.float32)
+    off = compare(gray + 0.1, gray)
     assert off.rmse == pytest.approx(0.1, rel=1e-5)
-    worse = compare(grey + 0.3, grey)
+    worse = compare(gray + 0.3, gray)
     assert worse.flip > off.flip > 0
     assert worse.psnr < off.psnr
     assert off.difference.shape == (40, 50, 3)

@@ -153,7 +153,7 @@ def test_a_stack_on_disk_reads_the_same(stack, tmp_path):
     np.testing.assert_array_equal(np.concatenate([s for _, s in strips], axis=1), stack.images)
     np.testing.assert_array_equal(far.subset([5, 2]).image(1), stack.image(2))
     np.testing.assert_allclose(far.luminance().image(1), stack.luminance().image(1), rtol=1e-6)
-    near = read_stack(path, grey=True)
+    near = read_stack(path, gray=True)
     np.testing.assert_allclose(near.images, stack.images.mean(axis=3, keepdims=True), rtol=1e-6)
 
 

@@ -38,7 +38,9 @@ def test_relighting_and_copying_commute(stack, kind, color):
     assert result.texture.kind == kind
     assert result.texture.shape == (50, 61, 3)
     for light in HELD_OUT[:3]:
-        np.testing.assert_array_equal(result.texture.relight(light), result.copy_of(sample.relight(light)))
+        # A matrix product of another size may add in another order: a few units in the last place.
+        wanted = result.copy_of(sample.relight(light))
+        np.testing.assert_allclose(result.texture.relight(light), wanted, rtol=3e-7, atol=1e-7)
 
 
 def test_a_texture_and_its_photographs_give_the_same(stack):
@@ -148,7 +150,7 @@ def test_bad_input_of_the_other_order(stack):
 def test_real_photographs(real):
     from intaglio import read_stack
 
-    stack = read_stack(real("photometric/lionhead_rti_tiny"), "linear").grey()
+    stack = read_stack(real("photometric/lionhead_rti_tiny"), "linear").gray()
     sample = represent(stack, "eigen3")
     result = synthesize(stack, 96, kind="eigen3", seed=1)
     report = assess_synthesis(sample, result, lights={"a": light_direction(60, 60)})

@@ -145,8 +145,8 @@ def test_real_ptm(real):
     assert left[tablet].mean() > 2 * right[tablet].mean()
     assert above[75:100, 200:330].mean() > above[400:425, 200:330].mean()
     # Wrong prediction of planes would leave blocks and noise: the relit tablet is smooth but for its signs.
-    grey = texture.relight([0, 0, 1]).mean(axis=2)
-    assert np.abs(np.diff(grey, axis=1)).mean() < 0.02
+    gray = texture.relight([0, 0, 1]).mean(axis=2)
+    assert np.abs(np.diff(gray, axis=1)).mean() < 0.02
 
 
 def jpeg_ptm(path, planes, *, order, reference, transforms, side=()):

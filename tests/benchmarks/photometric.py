@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from intaglio import PhotometricStack, Relightable, light_direction, read_stack, represent
+from intaglio import PhotometricStack, Relightable, assess_representation, light_direction, read_stack, represent
 from intaglio.kernels.lighting import robust_normals, weighted_sums
 from intaglio.photometric.bases import PolynomialBasis, coefficients
 from intaglio.photometric.representation import BRIGHT_SHARE, DARK_SHARE
@@ -56,6 +56,16 @@ def fits():
     sample = np.ascontiguousarray(planes[:, : 256 * 256])
     seconds = best(lambda: robust_normals(sample, where, dark=DARK_SHARE, bright=BRIGHT_SHARE), times=1)
     print(f"robust normals, {count} images: {seconds / sample.shape[1] * 1e6:.1f} s per megapixel")
+
+
+def leaving_one_out():
+    """Leave-one-out errors of rbf over the number of photographs."""
+    for count in (47, 72, 240):
+        where = lights(count)
+        albedo = np.random.default_rng(0).random((1, 64, 64, 1), dtype=np.float32)
+        stack = PhotometricStack(albedo * where[:, 2, None, None, None].astype(np.float32), where)
+        seconds = best(lambda s=stack: assess_representation(s, "rbf", leave_one_out=True), times=1)
+        print(f"leave-one-out of rbf, {count} lights: {seconds:.1f} s")
 
 
 def relighting():
@@ -130,6 +140,7 @@ def main():
         fit(*args.fit)
         return
     fits()
+    leaving_one_out()
     relighting()
     if args.large:
         large()

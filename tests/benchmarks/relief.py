@@ -1,7 +1,7 @@
 """What relief completion costs, beside what this machine can do. Run with ``make bench``; nothing here is asserted.
 
 ``python -m tests.benchmarks.relief --sizes 1000,4000`` shortens the growth table, ``--skip-surface`` leaves the papers'
-metric out, ``--skip-golf`` the golf ball.
+metric out, ``--skip-scenes`` golf ball, tower, bumps and bark.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import warp as wp
 wp.config.log_level = wp.LOG_WARNING
 
 import intaglio  # noqa: E402
+from intaglio import Cylinder  # noqa: E402
 from intaglio.kernels.launch import choose_device, single_threaded_blas, threads  # noqa: E402
 from intaglio.kernels.location import polar_grid  # noqa: E402
 from intaglio.kernels.neighborhoods import NeighborhoodMatcher  # noqa: E402
@@ -33,7 +34,7 @@ def main() -> None:
     parser.add_argument("--device", default=None)
     parser.add_argument("--sizes", default="1000,4000,16000,64000,250000")
     parser.add_argument("--skip-surface", action="store_true")
-    parser.add_argument("--skip-golf", action="store_true")
+    parser.add_argument("--skip-scenes", action="store_true")
     parser.add_argument("--one-size", type=int, help=argparse.SUPPRESS)
     args = parser.parse_args()
     device = choose_device(args.device)
@@ -47,8 +48,8 @@ def main() -> None:
     matching(device)
     recall(device)
     growth(device, [int(s) for s in args.sizes.split(",")])
-    if not args.skip_golf:
-        golf(device)
+    if not args.skip_scenes:
+        scenes(device)
 
 
 def machine(device: str) -> None:
@@ -129,7 +130,7 @@ def rough_tube(rows: int, columns: int, around: int) -> intaglio.Surface:
 
 
 def bark_size(device: str, skip_surface: bool) -> None:
-    """The size of paper 000's figure 9: 12,852 samples, 7,200 targets, w = 3, R = 2; 13 hours there."""
+    """The size of Breckon & Fisher's figure 9 (3DIM 2005): 12,852 samples, 7,200 targets, w = 3, R = 2; 13 hours there."""
     scan = rough_tube(102, 126, 126 + 71)
     print("12,852 samples, 7,200 targets, w = 3, R = 2, from reading to writing (paper: about 13 hours)")
     with tempfile.TemporaryDirectory() as folder:
@@ -137,7 +138,7 @@ def bark_size(device: str, skip_surface: bool) -> None:
         scan.write(source)
         for metric in ("displacement",) if skip_surface else ("displacement", "surface"):
             start = time.perf_counter()
-            whole = intaglio.complete_relief(
+            whole = complete_with(
                 intaglio.read_surface(source), "cylinder", 3, rotations=2, metric=metric, oversample=False, device=device
             )
             whole.write(result)
@@ -200,20 +201,24 @@ def one_size(size: int, device: str) -> None:
 
 
 def recall(device: str) -> None:
-    """What the approximate search finds of what the exhaustive one finds, and at what cost, on two scenes."""
+    """What the approximate search finds of what the exhaustive one finds, and at what cost, on scenes."""
     print("approximate search against exhaustive: every eighth target of a grown surface, whole neighbourhoods")
     from intaglio.relief.ground.prepare import GroundOptions, prepare_ground
     from intaglio.relief.growth.displacement_metric import DisplacementMetric
     from intaglio.relief.growth.propagation import grow_relief
     from intaglio.relief.growth.samples import sample_set
     from intaglio.relief.growth.settings import Selection
+    from intaglio.scenes import bark
     from intaglio.scenes.ball import ball
+    from intaglio.scenes.common import has_data
     from intaglio.scenes.golf_ball import one_view
 
     cases = [
         ("golf ball", prepare_ground(one_view(ball(4, 7)), "sphere", GroundOptions(spacing=0.62)), 24, 9, True),
         ("stochastic tube", prepare_ground(rough_tube(102, 126, 126 + 71), "cylinder"), 8, 7, False),
     ]
+    if has_data("materials/ambientcg_Bark014/albedo.jpg"):
+        cases.append(("bark", prepare_ground(bark.seen(bark.trunk()), "cylinder"), 4, 9, False))
     best_match = Selection("near-best", tolerance=0.0)
     for name, ground, rotations, window, oversample in cases:
         samples = sample_set(ground, oversample)
@@ -245,30 +250,42 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
 
 
-def golf(device: str) -> None:
-    """The golf ball scenes over five seeds, growth alone and refined."""
+def scenes(device: str) -> None:
+    """The golf ball, tower, bumps and bark of the scenes over several seeds, growth alone and refined."""
+    from intaglio.scenes import bark, golf_ball, golf_ball_hole, occluded_bumps, tower
     from intaglio.scenes.ball import ball
-    from intaglio.scenes.golf_ball import SETTINGS as ONE_VIEW
-    from intaglio.scenes.golf_ball import one_view
-    from intaglio.scenes.golf_ball_hole import SETTINGS as HOLE
-    from intaglio.scenes.golf_ball_hole import with_hole
+    from intaglio.scenes.common import has_data
 
-    print("golf ball (five seeds)             % MSI mean   least    most   mean |%|   EMD   seam  seconds   paper %")
-    cases = [("one view", one_view(ball(4, 7)), ONE_VIEW, "-1.99"), ("hole", with_hole(ball(4, 5)), HOLE, "-8.07")]
-    for name, scan, settings, paper in cases:
+    walls, axis = tower.tower()
+    bumpy = occluded_bumps.one_side(occluded_bumps.bumpy())
+    cases = [
+        ("one view", golf_ball.one_view(ball(4, 7)), golf_ball.SETTINGS, 5, "-1.99"),
+        ("hole", golf_ball_hole.with_hole(ball(4, 5)), golf_ball_hole.SETTINGS, 5, "-8.07"),
+        ("tower, hole", tower.with_hole(walls), {**tower.SETTINGS, "base": axis}, 5, "-15.09"),
+        ("occluded bumps", bumpy, {**occluded_bumps.SETTINGS, "base": occluded_bumps.BASE}, 5, "+20.55"),
+    ]
+    if has_data("materials/ambientcg_Bark014/albedo.jpg"):
+        trunk = Cylinder(point=np.zeros(3), axis=np.array([0.0, 0.0, 1.0]), radius=bark.RADIUS)
+        cases.append(("bark", bark.seen(bark.trunk()), {**bark.SETTINGS, "base": trunk}, 2, "14.87, 6.65"))
+    print(
+        "scenes: % MSI least and most, the mean difference in standard deviations, EMD and seam least and most, seconds, paper %"
+    )
+    for name, scan, settings, seeds, paper in cases:
         for refine in (0, settings["refine"]):
             reports, times = [], []
-            for seed in range(1, 6):
+            for seed in range(1, seeds + 1):
                 start = time.perf_counter()
                 whole = intaglio.complete_relief(scan, seed=seed, device=device, **{**settings, "refine": refine})
                 times.append(time.perf_counter() - start)
                 reports.append(intaglio.assess_relief(whole))
-            percent = np.array([r.msi_percent for r in reports])
+            percent, sigma, emd, seam = (
+                np.array([getattr(r, field) for r in reports])
+                for field in ("msi_percent", "msi_sigma", "displacement_emd", "seam")
+            )
             label = f"{name}, " + (f"{refine} refinement passes" if refine else "growth alone")
             print(
-                f"{label:35s} {percent.mean():+9.2f} {percent.min():+8.2f} {percent.max():+7.2f} {np.abs(percent).mean():9.2f} "
-                f"{np.mean([r.displacement_emd for r in reports]):6.3f} {np.mean([r.seam for r in reports]):6.3f} "
-                f"{np.median(times):8.2f} {paper:>9s}",
+                f"  {label:38s} {percent.min():+7.2f} {percent.max():+7.2f}  {sigma.mean():+.3f}  {emd.min():.3f} {emd.max():.3f}  "
+                f"{seam.min():.2f} {seam.max():.2f}  {np.median(times):7.2f}  {paper}",
                 flush=True,
             )
 

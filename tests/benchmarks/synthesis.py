@@ -77,9 +77,9 @@ def machine():
 
 
 def small():
-    grey = pebbles(65, 1)
-    blocks = best(lambda: quilt(grey, 129, 26, 6))
-    pixels = best(lambda: grow(grey, 129))
+    gray = pebbles(65, 1)
+    blocks = best(lambda: quilt(gray, 129, 26, 6))
+    pixels = best(lambda: grow(gray, 129))
     print(f"65² to 129², grey: quilt, block 26, {blocks:.3f} s; grow {pixels:.2f} s")
 
 

@@ -141,9 +141,9 @@ def texture_facts(path: Path) -> list[str]:
     """Return kind, size and what was chosen of a relightable texture."""
     texture = read_relightable(path)
     height, width, channels = texture.shape
-    colour = "colour" if channels == 3 else "grey"
+    kind = "colour" if channels == 3 else "grey"
     return [
-        f"relightable texture, kind {texture.kind}: {len(texture.maps)} maps of {width} x {height} pixels, {colour}"
+        f"relightable texture, kind {texture.kind}: {len(texture.maps)} maps of {width} x {height} pixels, {kind}"
         + (" by luminance and chromaticity" if texture.chroma is not None else ""),
         f"coefficients by a {texture.basis.parameters()['basis']} basis",
         *texture.notes,

@@ -42,7 +42,7 @@ class StackReading:
     mask: Path | None
     sphere: Path | None
     circle: tuple[float, float, float] | None
-    grey: bool
+    gray: bool
 
     def read(self, capture: Path) -> PhotometricStack:
         """Return the stack that ``capture`` names."""
@@ -50,7 +50,7 @@ class StackReading:
             curve = self.response if self.response in (None, "linear", "srgb") else float(str(self.response))
         except ValueError:
             raise InputError(f"--response {self.response!r} is not known; give linear, srgb or a gamma such as 2.2") from None
-        return read_stack(capture, curve, mask=self.mask, sphere=self.sphere, circle=self.circle, grey=self.grey)
+        return read_stack(capture, curve, mask=self.mask, sphere=self.sphere, circle=self.circle, gray=self.gray)
 
     def inputs(self, capture: Path, stack: PhotometricStack) -> list[Path]:
         """Return the files that the stack was read from."""
@@ -64,7 +64,7 @@ stack_options = grouped(
     click.option("--mask", type=click.Path(path_type=Path), default=None, help="Image of the pixels to use."),
     click.option("--sphere", type=click.Path(path_type=Path), default=None, help="Folder of mirror sphere pictures."),
     click.option("--circle", type=Numbers(3), default=None, help="x,y,radius of the sphere in its pictures, in pixels."),
-    click.option("--grey", is_flag=True, help="Take the mean of the channels."),
+    click.option("--gray", is_flag=True, help="Take the mean of the channels."),
 )
 
 

@@ -68,7 +68,7 @@ SOURCE = "source.exr"
 _OWN = {"quilt": tuple(f.name for f in fields(QuiltOptions)), "grow": tuple(f.name for f in fields(GrowOptions))}
 
 # Options that only photographs under known lights have.
-_OF_PHOTOGRAPHS = ("kind", "color", "robust", "response", "sphere", "circle", "grey")
+_OF_PHOTOGRAPHS = ("kind", "color", "robust", "response", "sphere", "circle", "gray")
 
 
 def _for_photographs(names: tuple[str, ...]) -> None:

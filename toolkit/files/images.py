@@ -272,8 +272,8 @@ def _read_png(path: Path) -> Array:
         return np.asarray(mitsuba().Bitmap(str(path)))
     with _open_checked(path, "PNG") as image:
         has_alpha = "A" in image.mode or "transparency" in image.info
-        grey = image.mode in ("1", "L", "LA") and not has_alpha
-        return np.asarray(image.convert("L" if grey else "RGBA" if has_alpha else "RGB"))
+        gray = image.mode in ("1", "L", "LA") and not has_alpha
+        return np.asarray(image.convert("L" if gray else "RGBA" if has_alpha else "RGB"))
 
 
 def _read_jpeg(path: Path) -> Array:

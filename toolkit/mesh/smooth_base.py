@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.devices import device_or_error
 from intaglio.kernels.geodesics import nearest_on_mesh
-from intaglio.kernels.launch import choose_device
 from intaglio.mesh.base import Base, unit
 
 
@@ -87,7 +87,7 @@ class SmoothBase(Base):
         >>> print(foot, normal)
         [[1. 1. 0.]] [[0. 0. 1.]]
         """
-        face, weight = nearest_on_mesh(np.asarray(points, np.float64), self.vertices, self.faces, choose_device(self.device))
+        face, weight = nearest_on_mesh(np.asarray(points, np.float64), self.vertices, self.faces, device_or_error(self.device))
         corner = self.faces[face]
         foot = np.einsum("ik,ikc->ic", weight, self.vertices[corner])
         return foot, unit(np.einsum("ik,ikc->ic", weight, self.normals[corner])) * self.orientation

@@ -87,22 +87,22 @@ def lights_from_sphere(
     >>> print(tilt.round(1), slant.round(1))
     [0.] [41.8]
     """
-    grey = [_grey(image) for image in images]
-    if not grey or any(g.shape != grey[0].shape for g in grey):
+    gray = [_gray(image) for image in images]
+    if not gray or any(g.shape != gray[0].shape for g in gray):
         raise InputError("there must be at least one picture of the sphere, and all must be of one size")
     if circle is None:
-        circle = fit_circle(np.mean(grey, axis=0) if outline is None else _grey(outline))
+        circle = fit_circle(np.mean(gray, axis=0) if outline is None else _gray(outline))
     try:
         cx, cy, radius = (float(v) for v in circle)
     except (TypeError, ValueError) as error:
         raise InputError(f"circle {circle!r} is not (x, y, radius)") from error
-    height, width = grey[0].shape
+    height, width = gray[0].shape
     if not (radius >= 2 and 0 <= cx < width and 0 <= cy < height):
         raise InputError(f"circle ({cx:g}, {cy:g}, {radius:g}) is not x, y, radius inside pictures of {width} x {height} pixels")
     circle = cx, cy, radius
-    rows, columns = np.mgrid[: grey[0].shape[0], : grey[0].shape[1]]
+    rows, columns = np.mgrid[: gray[0].shape[0], : gray[0].shape[1]]
     inside = np.hypot(columns - cx, rows - cy) < 0.97 * radius
-    highlights = np.array([_highlight(g, inside, radius, k) for k, g in enumerate(grey)])
+    highlights = np.array([_highlight(g, inside, radius, k) for k, g in enumerate(gray)])
     u = (highlights[:, 0] - cx) / radius
     v = -(highlights[:, 1] - cy) / radius
     w = np.sqrt(np.maximum(1 - u * u - v * v, 0))
@@ -155,13 +155,13 @@ def fit_circle(image: Array) -> tuple[float, float, float]:
     """
     from skimage.feature import canny
 
-    grey = _grey(image)
-    if min(grey.shape) < 16:
+    gray = _gray(image)
+    if min(gray.shape) < 16:
         raise FitError(
-            f"a picture of {grey.shape[1]} x {grey.shape[0]} pixels is too small to find a sphere in; 16 x 16 is least"
+            f"a picture of {gray.shape[1]} x {gray.shape[0]} pixels is too small to find a sphere in; 16 x 16 is least"
         )
-    step = max(1, round(max(grey.shape) / 400))
-    small = ndimage.uniform_filter(grey, step)[::step, ::step]
+    step = max(1, round(max(gray.shape) / 400))
+    small = ndimage.uniform_filter(gray, step)[::step, ::step]
     # The rim of a dark sphere is fainter than the reflections in it, so levels are replaced by their ranks first.
     ranks = np.argsort(np.argsort(small, axis=None, kind="stable"), kind="stable").reshape(small.shape) / small.size
     points = np.argwhere(canny(ranks, sigma=2.0))[:, ::-1].astype(np.float64)
@@ -199,9 +199,9 @@ def _circle_of(points: Array) -> tuple[float, float, float]:
     return float(x), float(y), float(np.sqrt(max(c + x * x + y * y, 0.0)))
 
 
-def _highlight(grey: Array, inside: Array, radius: float, k: int) -> Array:
+def _highlight(gray: Array, inside: Array, radius: float, k: int) -> Array:
     """Return x, y of the middle of the largest spot near the brightest value inside the sphere."""
-    smooth = np.where(inside, ndimage.gaussian_filter(grey, max(0.5, radius / 100)), 0.0)
+    smooth = np.where(inside, ndimage.gaussian_filter(gray, max(0.5, radius / 100)), 0.0)
     peak = smooth.max()
     if not peak > 0 or peak < 2 * np.median(smooth[inside]):
         raise InputError(f"picture {k} of the sphere shows no highlight brighter than the rest")
@@ -211,6 +211,6 @@ def _highlight(grey: Array, inside: Array, radius: float, k: int) -> Array:
     return np.array([column, row])
 
 
-def _grey(image: Array) -> Array:
+def _gray(image: Array) -> Array:
     values = np.asarray(image, np.float64)
     return values if values.ndim == 2 else values[:, :, :3].mean(axis=2)

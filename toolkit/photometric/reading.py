@@ -35,7 +35,7 @@ def read_stack(
     intensities: PathLike | None = None,
     sphere: PathLike | None = None,
     circle: tuple[float, float, float] | None = None,
-    grey: bool = False,
+    gray: bool = False,
     memory: int = MEMORY_BYTES,
 ) -> PhotometricStack:
     r"""Read photographs of one scene under known lights.
@@ -67,7 +67,7 @@ def read_stack(
     circle : (float, float, float), optional
         Centre x, y and radius of the sphere's outline in pixels of its pictures, from the upper left. Default None: found by
         `fit_circle`, which needs a sphere that fills a good part of its pictures.
-    grey : bool, optional
+    gray : bool, optional
         Take the mean of the channels. Default False.
     memory : int, optional
         Stacks of more bytes (as float32) stay on disk and are read one image at a time. Default 2 GiB.
@@ -121,13 +121,13 @@ def read_stack(
     gain = _gain(strengths, len(lights)) if intensities is not None or strengths.exists() else None
     if gain is not None and gain.shape[1] == 3:
         channels = 3
-    shape = (len(paths), first.shape[0], first.shape[1], 1 if grey else channels)
-    files = ImageFiles(tuple(paths), shape, first.dtype, decode_value, gain, (1 / 3, 1 / 3, 1 / 3) if grey else None)
+    shape = (len(paths), first.shape[0], first.shape[1], 1 if gray else channels)
+    files = ImageFiles(tuple(paths), shape, first.dtype, decode_value, gain, (1 / 3, 1 / 3, 1 / 3) if gray else None)
     known, notes = _mask(folder, mask)
     labels = tuple(str(p) for p in paths)
     ceiling: Array | float = 1.0 if first.dtype.kind == "u" else np.inf
     if gain is not None and np.isfinite(ceiling):
-        ceiling = gain.mean(axis=1, keepdims=True) if grey else gain
+        ceiling = gain.mean(axis=1, keepdims=True) if gray else gain
     if 4 * math.prod(shape) > memory:
         notes = (*notes, f"the stack is {4 * math.prod(shape) / 2**30:.1f} GiB: images are read one at a time")
         return PhotometricStack(files, lights, known, labels, notes, ceiling)

@@ -263,7 +263,7 @@ class PhotometricStack:
             return image
         return np.asarray(self.images[k])
 
-    def grey(self) -> PhotometricStack:
+    def gray(self) -> PhotometricStack:
         """Return the stack with the mean of the channels as its only channel.
 
         Returns
@@ -276,7 +276,7 @@ class PhotometricStack:
         >>> import numpy as np
         >>> import intaglio
         >>> red = np.zeros((1, 2, 2, 3)) + [0.75, 0.0, 0.0]
-        >>> intaglio.PhotometricStack(red, [[0, 0, 1]]).grey().image(0)[0, 0]
+        >>> intaglio.PhotometricStack(red, [[0, 0, 1]]).gray().image(0)[0, 0]
         array([0.25], dtype=float32)
         """
         return self.mixed((1.0 / self.shape[3],) * self.shape[3])
