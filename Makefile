@@ -27,10 +27,10 @@ scenes: install
 	@set -e; for scene in $(SCENES); do $(BIN)/python -m intaglio.scenes.$$scene --output out; done
 
 test: install
-	$(BIN)/python -m pytest -m 'not slow' -q
+	$(BIN)/python -m pytest -n auto --dist worksteal -m 'not slow' -q
 
 test-all: install
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -n auto --dist worksteal -q
 
 lint: install
 	$(BIN)/ruff check .

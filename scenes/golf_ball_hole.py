@@ -1,4 +1,7 @@
-"""A hole in an otherwise complete dimpled ball, filled and compared with the known surface (Breckon & Fisher, TPAMI 2008, figure 13)."""
+"""A hole in an otherwise complete dimpled ball, filled and compared with the known surface.
+
+After Breckon & Fisher, TPAMI 2008, figure 13.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Synthetic patches after Breckon & Fisher, TPAMI 2008, figure 7: bumps and waves on a cylinder, a wave on a plane, at about the paper's sizes.
+"""Synthetic patches: bumps and waves on a cylinder, a wave on a plane, at about the sizes of the paper.
+
+After Breckon & Fisher, TPAMI 2008, figure 7.
 
 The paper has 720 samples and 561 targets on the cylinders, 1,681 and 1,408 on the plane, and does not give the patterns; here
 they are 720 and 576, 1,681 and 1,394, chosen so that samples and targets hold whole periods and their true means are equal.

@@ -19,26 +19,33 @@ def displacement_costs(value, weight, sample, exists, permutation):
     return np.array(costs)
 
 
-def point_triangle_squared(p, a, b, c):
-    """Least squared distance of p to a triangle: by projection where it falls inside, else to its three sides."""
-    n = np.cross(b - a, c - a)
-    best = min(_segment(p, a, b), _segment(p, b, c), _segment(p, c, a))
-    area = n @ n
-    if area > 0:
-        q = p - (p - a) @ n / area * n
-        inside = all(np.cross(t - s, q - s) @ n >= 0 for s, t in ((a, b), (b, c), (c, a)))
-        if inside:
-            best = min(best, float(((p - q) ** 2).sum()))
-    return best
+def point_triangles_squared(p, a, b, c):
+    """Least squared distance of p to each triangle (K,): by projection where it falls inside, else to its three sides."""
+    n = cross(b - a, c - a)
+    best = np.minimum(np.minimum(_segments(p, a, b), _segments(p, b, c)), _segments(p, c, a))
+    area = (n * n).sum(axis=1)
+    q = p - (((p - a) * n).sum(axis=1) / np.where(area > 0, area, 1))[:, None] * n
+    inside = area > 0
+    for s, t in ((a, b), (b, c), (c, a)):
+        inside &= (cross(t - s, q - s) * n).sum(axis=1) >= 0
+    return np.where(inside, np.minimum(best, ((p - q) ** 2).sum(axis=1)), best)
 
 
-def _segment(p, a, b):
-    t = np.clip((p - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0, 1)
-    return float(((p - a - t * (b - a)) ** 2).sum())
+def cross(a, b):
+    """Cross products of vectors (K, 3); NumPy's own takes five times as long for a few."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+
+
+def _segments(p, a, b):
+    t = np.clip(((p - a) * (b - a)).sum(axis=1) / np.maximum(((b - a) ** 2).sum(axis=1), 1e-300), 0, 1)
+    return ((p - a - t[:, None] * (b - a)) ** 2).sum(axis=1)
 
 
 def surface_cost(ground, height, textured, is_sample, target, window, sigma, foot_s, u_s, v_s, angle):
-    """Eq. 2 of Breckon & Fisher, TPAMI 2008, for one target and one candidate, inf where it is not viable; brute force over all vertices."""
+    """Eq. 2 of Breckon & Fisher, TPAMI 2008, for one target and candidate, inf where it is not viable.
+
+    Brute force over all vertices.
+    """
     foot, position = ground.foot, ground.foot + height[:, None] * ground.normal
     ring = rings(ground.faces, target, window)
     near = [i for i in ring if i != target and textured[i]]
@@ -54,7 +61,7 @@ def surface_cost(ground, height, textured, is_sample, target, window, sigma, foo
         if not is_sample[partner]:
             return np.inf
         incident = ground.faces[(ground.faces == partner).any(axis=1)]
-        distances = [point_triangle_squared(at, *position[f]) for f in incident]
+        distances = point_triangles_squared(at, *position[incident].transpose(1, 0, 2))
         nearest = int(np.argmin(distances))
         if not is_sample[incident[nearest]].all():
             return np.inf

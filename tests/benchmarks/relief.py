@@ -278,14 +278,14 @@ def scenes(device: str) -> None:
                 whole = intaglio.complete_relief(scan, seed=seed, device=device, **{**settings, "refine": refine})
                 times.append(time.perf_counter() - start)
                 reports.append(intaglio.assess_relief(whole))
-            percent, sigma, emd, seam = (
+            msi, sigma, emd, seam = (
                 np.array([getattr(r, field) for r in reports])
-                for field in ("msi_percent", "msi_sigma", "displacement_emd", "seam")
+                for field in ("msi_percent", "msi_deviations", "displacement_emd", "seam")
             )
             label = f"{name}, " + (f"{refine} refinement passes" if refine else "growth alone")
             print(
-                f"  {label:38s} {percent.min():+7.2f} {percent.max():+7.2f}  {sigma.mean():+.3f}  {emd.min():.3f} {emd.max():.3f}  "
-                f"{seam.min():.2f} {seam.max():.2f}  {np.median(times):7.2f}  {paper}",
+                f"  {label:36s} {msi.min():+7.2f} {msi.max():+7.2f}  {sigma.mean():+.3f}  {emd.min():.3f} {emd.max():.3f} "
+                f" {seam.min():.2f} {seam.max():.2f}  {np.median(times):7.2f}  {paper}",
                 flush=True,
             )
 

@@ -93,7 +93,7 @@ class ReliefReport:
     msi_measured, msi_filled : float
         Mean surface integrals: mean signed displacements of the two parts, in the input's unit.
     msi_percent : float
-        Breckon & Fisher's "% difference", 100 (filled − measured) / |measured|. If the measured integral is small against the
+        Breckon & Fisher's "% difference", 100 (filled − measured) / abs(measured). If the measured integral is small against the
         spread of the relief, as for a base through its middle, this quotient says little, unlike ``msi_deviations``.
     msi_deviations : float
         Difference filled − measured of the integrals, in standard deviations of the measured relief.

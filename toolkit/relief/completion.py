@@ -190,7 +190,7 @@ def prepare_relief(
 
     References
     ----------
-    T. P. Breckon, R. B. Fisher, IEEE TPAMI 30(12), 2008, section 2.1.
+    Breckon & Fisher, IEEE TPAMI 30(12), 2008, section 2.1.
 
     Examples
     --------

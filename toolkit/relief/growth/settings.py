@@ -114,7 +114,7 @@ class ReliefSettings:
 
     References
     ----------
-    T. P. Breckon, R. B. Fisher, IEEE TPAMI 30(12), 2008, section 2.2; 3DIM 2005, section 6 and appendix A.
+    Breckon & Fisher, IEEE TPAMI 30(12), 2008, section 2.2; 3DIM 2005, section 6 and appendix A.
 
     Examples
     --------
