@@ -28,7 +28,7 @@ def assess() -> None:
     """Measure a result: completed relief, kinds of a capture, a larger texture, a restored image, geometry, a textured mesh."""
 
 
-assess.add_command(assess_capture, "capture")
+assess.add_command(assess_capture)
 
 
 @assess.command("relief", epilog="Example: intaglio assess relief whole.ply --truth truth.ply -o whole.html")

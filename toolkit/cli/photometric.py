@@ -221,7 +221,7 @@ def relight(
     click.echo(f"wrote {output}: {width} x {height} pixels")
 
 
-@click.command(epilog="Example: intaglio assess capture capture.lp -o kinds.html")
+@click.command("capture", epilog="Example: intaglio assess capture capture.lp -o kinds.html")
 @click.argument("capture", type=click.Path(path_type=Path))
 @click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="HTML report with plots and pictures.")
 @click.option("--kinds", default=",".join(KINDS), show_default=True, help="Comma-separated kinds.")
