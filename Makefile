@@ -7,7 +7,7 @@ SOURCES := $(shell find toolkit kernels render scenes -name '*.py' -not -path '*
 # A strict editable install maps single files: it is renewed when pyproject.toml or the list of files changes.
 STAMP := $(VENV)/.installed-$(shell (echo $(SOURCES); cat pyproject.toml) | cksum | cut -d' ' -f1)
 
-.PHONY: demo scenes test test-all lint bench clean docs install
+.PHONY: demo scenes test test-all lint bench clean docs install package
 
 install: $(STAMP)
 
@@ -51,6 +51,19 @@ docs: install
 	$(BIN)/sphinx-build -W --keep-going -b html -d out/doctrees docs out/docs
 	@echo "open out/docs/index.html"
 
+SMALL_JOB := import numpy as np, intaglio; hole = np.zeros((64, 64)); hole[24:36, 20:40] = 1; \
+  wave = 0.5 + 0.3 * np.sin(np.arange(64) / 3) * np.ones((64, 1)); \
+  intaglio.write_image(hole, 'hole.png'); intaglio.write_image(wave * (1 - hole), 'damaged.png')
+# Wheel and sdist as a user gets them: the wheel in an environment of its own, away from the sources, does a small job.
+package: install
+	@rm -rf dist out/package
+	@$(BIN)/python -m build --quiet --outdir dist .
+	@$(PYTHON) -m venv out/package/venv
+	@out/package/venv/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	@cd out/package && venv/bin/intaglio info && venv/bin/python -c "$(SMALL_JOB)" \
+	  && venv/bin/intaglio restore damaged.png hole.png -o restored.png && test -s restored.png
+	@echo "dist/ holds a wheel and an sdist that work"
+
 clean:
-	rm -rf build out $(VENV) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf build dist out $(VENV) .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
