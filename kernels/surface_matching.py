@@ -34,7 +34,7 @@ class Ground:
     """A surface over its base: vertices with their frames on the base, who is joined to whom, and which are samples."""
 
     frames: Frames
-    # The vertices joined to vertex i are neighbours[offsets[i]] to neighbours[offsets[i + 1] - 1]; so are its faces.
+    # The vertices joined to vertex i are neighbors[offsets[i]] to neighbors[offsets[i + 1] - 1]; so are its faces.
     offsets: wp.array[wp.int32]
     neighbors: wp.array[wp.int32]
     face_offsets: wp.array[wp.int32]
@@ -240,7 +240,7 @@ class SurfaceMatcher:
         self._turns = upload(turns, wp.vec2, device)
         self._ground = Ground()
         self._ground.frames = upload_frames(mesh.foot, mesh.u, mesh.v, device)
-        for name in ("offsets", "neighbours", "face_offsets", "incident", "faces"):
+        for name in ("offsets", "neighbors", "face_offsets", "incident", "faces"):
             setattr(self._ground, name, upload(getattr(mesh, name), wp.int32, device))
         self._samples = Frames()
 

@@ -63,10 +63,17 @@ def views(texture: Relightable, *, size: int = 480, samples: int = 64, seed: int
     return rows
 
 
-def run(args: argparse.Namespace, *, kinds: tuple[str, ...] = ("gradient", "rbf"), size: int = 480, samples: int = 64) -> Array:
+def run(
+    args: argparse.Namespace,
+    *,
+    kinds: tuple[str, ...] = ("gradient", "rbf"),
+    texels: int = 96,
+    size: int = 480,
+    samples: int = 64,
+) -> Array:
     """Run the scene."""
     print("photographing a hammered, glazed piece under 72 lights …")
-    stack = hammered(samples=max(2, samples // 2), seed=args.seed)
+    stack = hammered(texels, samples=max(2, samples // 2), seed=args.seed)
     columns = []
     for kind in kinds:
         texture = represent(stack, kind, device=args.device)

@@ -76,7 +76,7 @@ def test_provenance_names_a_measured_vertex_and_its_relief(cap):
 def test_same_seed_same_bits_for_any_number_of_threads(cap, settings):
     if settings.get("order") == "sequential" or "metric" in settings:
         cap = cap.part(np.linalg.norm(cap.vertices - cap.vertices.mean(axis=0), axis=1) < 5)
-        settings = {**settings, "spacing": 1.2, "oversample": False}
+        settings = {**settings, "spacing": 1.2, "extent": (45.0,), "oversample": False}
     results = []
     try:
         for count in (1, 2, 3):

@@ -66,7 +66,7 @@ def test_teapot_is_whole():
 
 
 def test_teapot_relit(tmp_path):
-    sheet = relit_teapot.run(options(tmp_path), kinds=("gradient", "rbf"), size=64, samples=4)
+    sheet = relit_teapot.run(options(tmp_path), kinds=("gradient", "rbf"), texels=48, size=64, samples=4)
     assert sheet.shape == (4 * 48, 2 * 64, 3)
     assert (tmp_path / "relit_teapot.png").exists()
     # The two lights shade different sides of the pot seen from the front.

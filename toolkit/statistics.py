@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import j0
-from scipy.stats import wasserstein_distance
 
 from intaglio.arrays import Array
 
@@ -28,6 +27,9 @@ def earth_movers_distance(values: Array, reference: Array) -> float:
     0 for equal distributions; 0.1 means that values must be moved by a tenth of the spread on average. A reference
     without spread gives 0 for equal samples and infinity otherwise.
     """
+    # SciPy's statistics take long to import.
+    from scipy.stats import wasserstein_distance
+
     if len(values) == 0 or len(reference) == 0:
         return float("nan")
     distance = float(wasserstein_distance(values, reference))

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from scipy.stats import wasserstein_distance
 
 from intaglio.arrays import Array
 from intaglio.devices import device_or_error
@@ -141,6 +140,9 @@ def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str |
     >>> 0.5 < report.nearest < 2, report.points == len(larger)
     (True, True)
     """
+    # SciPy's statistics take long to import.
+    from scipy.stats import wasserstein_distance
+
     device = device_or_error(device)
     checked_points("points", points)
     if not isinstance(texture, GeometryTexture):

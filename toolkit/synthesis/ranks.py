@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError, InputError
@@ -128,6 +127,9 @@ def friedman(ranks: Any) -> Friedman:
     >>> result.statistic, round(result.pvalue, 4)
     (12.0, 0.0025)
     """
+    # SciPy's statistics take long to import.
+    from scipy import stats
+
     table = _checked_ranks(ranks)
     if (table == table[:, :1]).all():
         return Friedman(0.0, 1.0, table.mean(axis=0))
@@ -180,6 +182,9 @@ def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
     >>> bool(result.different[0, 2]), bool(result.different[0, 1])
     (True, False)
     """
+    # SciPy's statistics take long to import.
+    from scipy import stats
+
     table = _checked_ranks(ranks)
     try:
         level = float(alpha)
@@ -241,6 +246,9 @@ def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | No
     array([[1., 2., 3.],
            [2., 1., 3.]])
     """
+    # SciPy's statistics take long to import.
+    from scipy import stats
+
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not given:
         raise InputError("give at least one table of ranks")
