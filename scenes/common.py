@@ -90,8 +90,12 @@ def main(run: Callable[..., object], description: str | None, names: Iterable[st
     several = tuple(names)
     if several:
         chosen = f"which of {', '.join(several)}; default all"
-        parser.add_argument("names", nargs="*", choices=several, metavar="NAME", help=chosen)
+        parser.add_argument("names", nargs="*", metavar="NAME", help=chosen)
     args = parser.parse_args()
+    # argparse itself refuses an empty list where it has choices.
+    for name in args.names if several else ():
+        if name not in several:
+            parser.error(f"argument NAME: invalid choice: {name!r} (choose from {', '.join(several)})")
     args.output.mkdir(parents=True, exist_ok=True)
     if several:
         run(args, names=tuple(args.names) or several)

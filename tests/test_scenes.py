@@ -56,9 +56,6 @@ def test_scenes_have_one_form_of_entry(name):
 def test_the_command_line_chooses_among_several_scenes(monkeypatch, tmp_path, capsys):
     found = []
 
-    def run(args, names):
-        found.append((args.output, args.seed, args.device, names))
-
     for words in ([], ["b", "a"], ["c"]):
         monkeypatch.setattr("sys.argv", ["scene", "-o", str(tmp_path / "new"), "--seed", "7", *words])
         monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
