@@ -18,7 +18,8 @@ from intaglio.kernels.meshes import Frames, upload_frames
 from intaglio.kernels.neighborhoods import MISSING, Matches
 from intaglio.kernels.selection import VIABLE
 
-wp.set_module_options({"enable_backward": False})
+# Loops unrolled to more than four rounds would take the compiler several times as long, and run no faster.
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
 LISTED = 8
 _LISTED = wp.constant(LISTED)

@@ -7,16 +7,13 @@ import numpy as np
 
 def displacement_costs(value, weight, sample, exists, permutation):
     """Masked weighted mean square of every candidate, (R * S,), inf where a wanted grid point is missing."""
+    wanted = weight > 0
     costs = []
     for turned in permutation:
-        for y, have in zip(sample, exists, strict=True):
-            wanted = weight > 0
-            if not have[turned][wanted].all():
-                costs.append(np.inf)
-                continue
-            d = value[wanted].astype(np.float64) - y[turned][wanted]
-            costs.append(float((weight[wanted].astype(np.float64) * d * d).sum()))
-    return np.array(costs)
+        d = value[wanted].astype(np.float64) - sample[:, turned[wanted]]
+        viable = np.asarray(exists, bool)[:, turned[wanted]].all(axis=1)
+        costs.append(np.where(viable, (weight[wanted].astype(np.float64) * d * d).sum(axis=1), np.inf))
+    return np.concatenate(costs)
 
 
 def point_triangles_squared(p, a, b, c):
@@ -41,33 +38,37 @@ def _segments(p, a, b):
     return ((p - a - t[:, None] * (b - a)) ** 2).sum(axis=1)
 
 
-def surface_cost(ground, height, textured, is_sample, target, window, sigma, foot_s, u_s, v_s, angle):
-    """Eq. 2 of Breckon & Fisher, TPAMI 2008, for one target and candidate, inf where it is not viable.
+def surface_costs(ground, height, textured, is_sample, target, window, sigma, candidates):
+    """Eq. 2 of Breckon & Fisher, TPAMI 2008, for one target and every candidate, inf where it is not viable.
 
-    Brute force over all vertices.
+    A candidate is (foot, u, v, angle) of a sample; brute force over all vertices.
     """
     foot, position = ground.foot, ground.foot + height[:, None] * ground.normal
-    ring = rings(ground.faces, target, window)
-    near = [i for i in ring if i != target and textured[i]]
+    near = [i for i in rings(ground.faces, target, window) if i != target and textured[i]]
     frame_t = np.stack([ground.u[target], ground.v[target], np.cross(ground.u[target], ground.v[target])])
-    frame_s = np.stack([u_s, v_s, np.cross(u_s, v_s)])
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    total = norm = 0.0
-    for i in near:
-        g = np.exp(-0.5 * (np.linalg.norm(foot[i] - foot[target]) / sigma) ** 2)
-        on_base = foot_s + frame_s.T @ (turn @ (frame_t @ (foot[i] - foot[target])))
-        at = foot_s + frame_s.T @ (turn @ (frame_t @ (position[i] - foot[target])))
-        partner = int(np.argmin(((foot - on_base) ** 2).sum(axis=1)))
-        if not is_sample[partner]:
+    incident = [ground.faces[(ground.faces == i).any(axis=1)] for i in range(len(foot))]
+    weight = np.exp(-0.5 * (np.linalg.norm(foot[near] - foot[target], axis=1) / sigma) ** 2)
+
+    def cost(foot_s, u_s, v_s, angle):
+        frame_s = np.stack([u_s, v_s, np.cross(u_s, v_s)])
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        move = frame_s.T @ turn @ frame_t
+        on_base = foot_s + (foot[near] - foot[target]) @ move.T
+        at = foot_s + (position[near] - foot[target]) @ move.T
+        partners = np.argmin(((foot - on_base[:, None]) ** 2).sum(axis=2), axis=1)
+        if not is_sample[partners].all():
             return np.inf
-        incident = ground.faces[(ground.faces == partner).any(axis=1)]
-        distances = point_triangles_squared(at, *position[incident].transpose(1, 0, 2))
-        nearest = int(np.argmin(distances))
-        if not is_sample[incident[nearest]].all():
-            return np.inf
-        total += g * distances[nearest]
-        norm += g
-    return total / norm
+        total = 0.0
+        for point, partner, g in zip(at, partners, weight, strict=True):
+            faces = incident[partner]
+            distances = point_triangles_squared(point, *position[faces].transpose(1, 0, 2))
+            nearest = int(np.argmin(distances))
+            if not is_sample[faces[nearest]].all():
+                return np.inf
+            total += g * distances[nearest]
+        return total / weight.sum()
+
+    return [cost(*candidate) for candidate in candidates]
 
 
 def rings(faces, start, window):

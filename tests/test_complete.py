@@ -9,6 +9,7 @@ from reliefs import complete_with
 import intaglio
 from intaglio.kernels.launch import set_threads
 from intaglio.mesh.topology import border_edges, border_loops, directed_edges, edge_keys, pieces, unique_edges
+from intaglio.relief.ground import GroundOptions
 from intaglio.relief.ground.prepare import prepare_ground
 from intaglio.relief.growth.displacement_metric import DisplacementMetric
 from intaglio.relief.growth.samples import sample_set
@@ -77,6 +78,8 @@ def test_same_seed_same_bits_for_any_number_of_threads(cap, settings):
     if settings.get("order") == "sequential" or "metric" in settings:
         cap = cap.part(np.linalg.norm(cap.vertices - cap.vertices.mean(axis=0), axis=1) < 5)
         settings = {**settings, "spacing": 1.2, "extent": (45.0,), "oversample": False}
+    else:
+        settings = {**settings, "extent": (90.0,)}
     results = []
     try:
         for count in (1, 2, 3):
@@ -194,9 +197,12 @@ def test_colour_travels_with_relief(wave_tube):
     assert oversampled.color.max() <= 1
 
 
+HALF = GroundOptions(extent=(90.0,))
+
+
 def full_matching_error(scan, whole):
     """Mean error of every filled vertex's full neighbourhood against its best sample."""
-    ground = prepare_ground(scan, "sphere")
+    ground = prepare_ground(scan, "sphere", HALF)
     metric = DisplacementMetric(ground, sample_set(ground, True), 5, 4, "cpu")
     count = len(whole.vertices)
     state = State(whole.relief, np.ones(count, bool), whole.source, np.zeros(count), np.zeros(count), None, np.full(count, -1))
@@ -206,8 +212,8 @@ def full_matching_error(scan, whole):
 
 
 def test_refinement_lowers_the_matching_error_and_keeps_sources(cap):
-    grown = complete_with(cap, "sphere", window=5, rotations=4, seed=1)
-    refined = complete_with(cap, "sphere", window=5, rotations=4, seed=1, refine=4)
+    grown = complete_with(cap, "sphere", window=5, rotations=4, seed=1, extent=HALF.extent)
+    refined = complete_with(cap, "sphere", window=5, rotations=4, seed=1, extent=HALF.extent, refine=4)
     filled = ~grown.measured
     assert refined.measured[refined.source].all()
     assert refined.vertices[~filled].tobytes() == grown.vertices[~filled].tobytes()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference import displacement_costs, surface_cost
+from reference import displacement_costs, surface_costs
 
 from intaglio.kernels.location import polar_grid
 from intaglio.kernels.neighborhoods import NeighborhoodMatcher
@@ -134,12 +134,13 @@ def test_surface_metric_agrees_with_brute_force(wave_tube, device):
         np.array(near), np.full(len(near), window), state, Selection("near-best", tolerance=0.0), np.zeros(len(near))
     )
     sigma = (2 * window + 1) / 6.4 * ground.spacing
+    candidates = [
+        (samples.foot[s], samples.u[s], samples.v[s], 2 * np.pi * q / rotations)
+        for q in range(rotations)
+        for s in range(len(samples.vertex))
+    ]
     for k, t in enumerate(near):
-        costs = [
-            surface_cost(ground, ground.height, ground.measured, ground.measured, t, window, sigma,
-                         samples.foot[s], samples.u[s], samples.v[s], 2 * np.pi * q / rotations)
-            for q in range(rotations) for s in range(len(samples.vertex))
-        ]  # fmt: skip
+        costs = surface_costs(ground, ground.height, ground.measured, ground.measured, t, window, sigma, candidates)
         best = min(costs)
         # Single precision positions at unit relief scale.
         assert picks.error[k] == pytest.approx(best, rel=2e-4, abs=1e-9)

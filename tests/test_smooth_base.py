@@ -268,9 +268,9 @@ def test_a_hole_in_a_ball_is_filled_round_and_closed():
 
 
 def test_relief_continues_over_any_shape_and_measured_bits_stay():
-    vertices, faces = ball(5, rough=0.35)
+    vertices, faces = ball(4, rough=0.35)
     vertices = vertices * (1.0, 1.3, 0.8) + (500000.0, 0, 0)
-    scan = punched(vertices, faces, ((500000.0, 0, 8), 3.0), ((500010.0, 0, 0), 2.0))
+    scan = punched(vertices, faces, ((500000.0, 0, 8), 4.0), ((500010.0, 0, 0), 2.5))
     seen = []
     whole = complete_with(scan, "auto", refine=2, seed=3, progress=lambda done, total: seen.append((done, total)))
     assert whole.model.kind == "smooth"
