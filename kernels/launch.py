@@ -283,22 +283,26 @@ def launch(
 _blas_lock = threading.Lock()
 _blas_users = 0
 _blas_limits: Any = None
+_blas: Any = None
 
 
 @contextmanager
 def single_threaded_blas() -> Iterator[None]:
     """Hold BLAS to one thread, so that products of fixed shape have the same bits whatever the machine's thread count.
 
-    Finding the loaded BLAS libraries takes a millisecond: around many small products, hold it once; inner uses are free. The
-    limit is the whole process': the first of all threads to enter sets it, and the last to leave restores what was there.
+    The limit is the whole process': the first of all threads to enter sets it, and the last to leave restores what was there.
+    Inner uses are free.
     """
-    global _blas_users, _blas_limits
-    from threadpoolctl import threadpool_limits
+    global _blas, _blas_users, _blas_limits
+    from threadpoolctl import ThreadpoolController
 
     with _blas_lock:
         if _blas_users == 0:
+            if _blas is None:
+                # This takes milliseconds. NumPy's and SciPy's libraries, which are all that is used, are loaded with Intaglio.
+                _blas = ThreadpoolController()
             _take_control_of_blas()
-            _blas_limits = threadpool_limits(limits=1, user_api="blas")
+            _blas_limits = _blas.limit(limits=1, user_api="blas")
         _blas_users += 1
     try:
         yield

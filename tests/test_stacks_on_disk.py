@@ -58,7 +58,7 @@ def large_capture(tmp_path_factory):
         rows.append(f"{k}.bmp " + " ".join(map(str, light)))
     (folder / "c.lp").write_text("\n".join(rows))
     # Robust fits take by far the longest, in proportion to the number of lights.
-    (folder / "few.lp").write_text("\n".join(rows[:10]))
+    (folder / "few.lp").write_text("\n".join(rows[:8]))
     return folder
 
 
