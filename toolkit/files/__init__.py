@@ -2,6 +2,7 @@
 
 from intaglio.files.exr import read_exr, write_exr
 from intaglio.files.images import IMAGE_SUFFIXES, READABLE_SUFFIXES, read_image, read_samples, write_image, write_samples
+from intaglio.files.limits import check_memory, limit_memory, memory_limit
 from intaglio.files.pages import inline_image, listing, picture_row, table, write_page
 from intaglio.files.paths import check_folder, check_readable, check_writable, whole_file, whole_folder
 
@@ -9,10 +10,13 @@ __all__ = [
     "IMAGE_SUFFIXES",
     "READABLE_SUFFIXES",
     "check_folder",
+    "check_memory",
     "check_readable",
     "check_writable",
     "inline_image",
+    "limit_memory",
     "listing",
+    "memory_limit",
     "picture_row",
     "read_exr",
     "read_image",
