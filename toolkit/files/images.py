@@ -20,7 +20,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".tga", ".bmp")
 
 
-def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
+def read_image(path: PathLike, *, linear: bool | None = None, orient: bool = True) -> Array:
     """Read an image as linear float32 values.
 
     Parameters
@@ -30,6 +30,9 @@ def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
     linear : bool, optional
         Whether the stored values are linear already. Default None: 8-bit values are decoded from sRGB, as cameras and
         paint programs store them; 16-bit and float values are taken as linear. Integers are scaled to [0, 1] either way.
+    orient : bool, optional
+        Turn the image as its EXIF orientation says, so that row 0 is the top as viewers show it. Default True; False gives
+        the pixels in the order in which they are stored, as calibrations of cameras count them.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
     >>> stored[0].round(2)
     array([0.  , 0.54, 0.74, 0.88, 1.  ], dtype=float32)
     """
-    raw = read_samples(path)
+    raw = read_samples(path, orient=orient)
     if linear is None:
         linear = raw.dtype != np.uint8
     if raw.dtype == np.uint8 and not linear:
@@ -83,13 +86,15 @@ def read_image(path: PathLike, *, linear: bool | None = None) -> Array:
     return np.ascontiguousarray(values, np.float32)
 
 
-def read_samples(path: PathLike) -> Array:
+def read_samples(path: PathLike, *, orient: bool = True) -> Array:
     """Read an image's samples as they are stored.
 
     Parameters
     ----------
     path : path
         An image of any type that `read_image` knows.
+    orient : bool, optional
+        Turn the image as its EXIF orientation says; default True.
 
     Returns
     -------
@@ -115,7 +120,30 @@ def read_samples(path: PathLike) -> Array:
         raise FileError(f"{path}: has shape {raw.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
     if raw.ndim == 3 and raw.shape[2] == 1:
         raw = raw[:, :, 0]
-    return raw
+    return _upright(raw, _orientation(path)) if orient else raw
+
+
+def _orientation(path: Path) -> int:
+    """Return the EXIF orientation of an image, from 1 (as stored) to 8."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            found = image.getexif().get(0x0112, 1)
+    except Exception:  # an image that Pillow does not know has no EXIF that it could read
+        return 1
+    return found if found in range(1, 9) else 1
+
+
+def _upright(pixels: Array, orientation: int) -> Array:
+    """Return (H, W, ...) pixels turned as an EXIF orientation says."""
+    if orientation >= 5:
+        pixels = np.swapaxes(pixels, 0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return np.ascontiguousarray(pixels)
 
 
 def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | None = None, quality: int = 95) -> None:
