@@ -2,6 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
+# Names in messages that are longer than this, and messages that are longer than that, lose their middle.
+_LONGEST_NAME, _LONGEST_MESSAGE = 200, 2000
+
+
+def _shortened(text: str, longest: int) -> str:
+    """Return text without its middle, if it is longer than ``longest``."""
+    return text if len(text) <= longest else f"{text[: longest // 2]}…{text[-(longest // 2) :]}"
+
 
 class IntaglioError(Exception):
     """Base class of every error that Intaglio raises for bad input, files or settings.
@@ -20,6 +30,12 @@ class IntaglioError(Exception):
     ...     print(error)
     missing.ply: no such file
     """
+
+    def __str__(self) -> str:
+        """Return the message as one line, in which what is very long is shortened."""
+        text = "".join(c if c.isprintable() else " " for c in super().__str__().strip())
+        text = re.sub(rf"\S{{{_LONGEST_NAME + 1},}}", lambda found: _shortened(found[0], _LONGEST_NAME), text)
+        return _shortened(text, _LONGEST_MESSAGE)
 
 
 class InputError(IntaglioError, ValueError):

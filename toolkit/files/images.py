@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import functools
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.errors import FileError, InputError
-from intaglio.files.exr import read_exr, write_exr
+from intaglio.checks import checked_count, checked_flag, checked_path
+from intaglio.errors import FileError, InputError, IntaglioError, IntaglioWarning
+from intaglio.files.color_profiles import ColorProfile
+from intaglio.files.exr import read_exr_image, write_exr
+from intaglio.files.hdr import read_hdr
+from intaglio.files.image_kinds import image_kind
 from intaglio.files.paths import check_readable, whole_file
+from intaglio.files.pillow import read_by_pillow
+from intaglio.files.pixels import Pixels, upright
+from intaglio.files.quiet import hushed, reason
+from intaglio.files.raw import read_raw
+from intaglio.files.tiff import read_tiff
 from intaglio.kernels.transfer import decode_srgb, encode_srgb
 from intaglio.render import mitsuba
-
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
-READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".tga", ".bmp")
 
 
 def read_image(path: PathLike, *, linear: bool | None = None, orient: bool = True) -> Array:
@@ -67,22 +75,30 @@ def read_image(path: PathLike, *, linear: bool | None = None, orient: bool = Tru
     >>> stored[0].round(2)
     array([0.  , 0.54, 0.74, 0.88, 1.  ], dtype=float32)
     """
-    raw = read_samples(path, orient=orient)
+    pixels = _read(path)
+    samples = upright(pixels.samples, pixels.orientation) if checked_flag("orient", orient) else pixels.samples
     if linear is None:
-        linear = raw.dtype != np.uint8
-    if raw.dtype == np.uint8 and not linear:
+        # 16 bits in colour are encoded only where the file says so.
+        said = samples.ndim == 3 and (pixels.srgb or pixels.profile is not None)
+        linear = not (samples.dtype == np.uint8 or (samples.dtype == np.uint16 and said))
+    return _decoded(samples, None if checked_flag("linear", linear) else pixels.profile or "srgb")
+
+
+def _decoded(samples: Array, encoding: ColorProfile | Literal["srgb"] | None) -> Array:
+    """Return samples as linear float32; alpha is never decoded, and integers are scaled to [0, 1]."""
+    if samples.ndim == 3 and samples.shape[2] == 4 and encoding is not None:
+        return np.concatenate([_decoded(samples[..., :3], encoding), _decoded(samples[..., 3:], None)], axis=2)
+    if encoding == "srgb" and samples.dtype == np.uint8:
         # 256 levels: a table is several times faster than as many powers as there are pixels.
-        values = decode_srgb(np.arange(256, dtype=np.float32) / np.float32(255))[raw]
-        if raw.ndim == 3 and raw.shape[2] == 4:
-            values[..., 3] = raw[..., 3].astype(np.float32) / np.float32(255)
-        return np.ascontiguousarray(values)
-    values = raw.astype(np.float32)
-    if np.issubdtype(raw.dtype, np.integer):
-        values /= np.float32(np.iinfo(raw.dtype).max)
-    if not linear:
-        has_alpha = values.ndim == 3 and values.shape[2] == 4
-        decoded = decode_srgb(values[..., :3] if has_alpha else values)
-        values = np.concatenate([decoded, values[..., 3:]], axis=2) if has_alpha else decoded
+        return np.ascontiguousarray(decode_srgb(np.arange(256, dtype=np.float32) / np.float32(255))[samples])
+    with np.errstate(over="ignore"):
+        values = samples.astype(np.float32)
+    if np.issubdtype(samples.dtype, np.integer):
+        values /= np.float32(np.iinfo(samples.dtype).max)
+    if encoding == "srgb":
+        values = decode_srgb(values)
+    elif encoding is not None:
+        values = encoding.linear(values)
     return np.ascontiguousarray(values, np.float32)
 
 
@@ -106,44 +122,31 @@ def read_samples(path: PathLike, *, orient: bool = True) -> Array:
     FileError
         If the file is missing, damaged, or of no known kind.
     """
+    pixels = _read(path)
+    if pixels.profile is not None and pixels.profile.matrix is not None:
+        warnings.warn(f"{path}: its colours are {pixels.profile.name}; they are taken as sRGB", IntaglioWarning, stacklevel=2)
+    return upright(pixels.samples, pixels.orientation) if checked_flag("orient", orient) else pixels.samples
+
+
+def _read(path: PathLike) -> Pixels:
+    """Read an image of any type; warn of what the user should know."""
     path = check_readable(path)
-    reader = _readers.get(path.suffix.lower())
-    if reader is None:
-        raise FileError(f"{path}: unknown image type {path.suffix!r}; known: {', '.join(sorted(_readers))}")
+    kind = image_kind(path)
     try:
-        raw = reader(path)
-    except FileError:
+        with hushed():
+            pixels = _readers[kind](path)
+    except IntaglioError:
         raise
+    except MemoryError as error:
+        raise InputError(f"{path}: there is not enough memory to read it; give a smaller image") from error
     except Exception as error:
-        raise FileError(f"{path}: can't be read as a {path.suffix[1:].upper()} image ({error})") from error
-    if raw.ndim not in (2, 3) or raw.size == 0 or (raw.ndim == 3 and raw.shape[2] > 4):
-        raise FileError(f"{path}: has shape {raw.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
-    if raw.ndim == 3 and raw.shape[2] == 1:
-        raw = raw[:, :, 0]
-    return _upright(raw, _orientation(path)) if orient else raw
-
-
-def _orientation(path: Path) -> int:
-    """Return the EXIF orientation of an image, from 1 (as stored) to 8."""
-    from PIL import Image
-
-    try:
-        with Image.open(path) as image:
-            found = image.getexif().get(0x0112, 1)
-    except Exception:  # an image that Pillow does not know has no EXIF that it could read
-        return 1
-    return found if found in range(1, 9) else 1
-
-
-def _upright(pixels: Array, orientation: int) -> Array:
-    """Return (H, W, ...) pixels turned as an EXIF orientation says."""
-    if orientation >= 5:
-        pixels = np.swapaxes(pixels, 0, 1)
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    return np.ascontiguousarray(pixels)
+        raise FileError(f"{path}: is damaged, or no {kind} image that can be read ({reason(error, path)})") from error
+    samples = pixels.samples
+    if samples.ndim not in (2, 3) or samples.size == 0 or (samples.ndim == 3 and samples.shape[2] > 4):
+        raise FileError(f"{path}: has shape {samples.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
+    for note in pixels.notes:
+        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=3)
+    return replace(pixels, samples=samples[:, :, 0]) if samples.ndim == 3 and samples.shape[2] == 1 else pixels
 
 
 def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | None = None, quality: int = 95) -> None:
@@ -188,19 +191,11 @@ def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | N
     >>> np.allclose(back, height, atol=1 / 65535)
     True
     """
-    path = Path(path)
+    path = checked_path("path", path)
     kind = path.suffix.lower()
-    try:
-        image = np.asarray(image)
-        if np.issubdtype(image.dtype, np.integer):
-            raise InputError(
-                f"{path}: an image holds linear values in [0, 1] as floats; divide {image.dtype} levels by their maximum"
-            )
-        image = image.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: the image is not an array of numbers ({error})") from error
+    quality = checked_count("quality", quality, 1, 95)
+    linear = None if linear is None else checked_flag("linear", linear)
+    image = _checked_image(image, path)
     if image.ndim not in (2, 3) or image.size == 0 or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
         raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {image.shape}")
     if not (np.abs(image) <= float(np.finfo(np.float32).max)).all():
@@ -212,7 +207,7 @@ def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | N
         return
     if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
         raise FileError(f"{path}: unknown image type {kind!r}; known: .png, .jpg, .jpeg, .tif, .tiff, .exr")
-    if bits not in (8, 16) or (bits == 16 and kind in (".jpg", ".jpeg")):
+    if checked_count("bits", bits, 8, 16) not in (8, 16) or (bits == 16 and kind in (".jpg", ".jpeg")):
         raise InputError(f"{path}: {kind} does not support {bits} bits; PNG and TIFF support 8 or 16, JPEG 8")
     if linear is None:
         linear = bits == 16
@@ -222,6 +217,23 @@ def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | N
         shown = np.concatenate([shown[..., :3], np.clip(values[..., 3:], 0, 1)], axis=2)
     stored = np.round(shown * (2**bits - 1)).astype(np.uint8 if bits == 8 else np.uint16)
     _write_levels(stored, path, quality)
+
+
+def _checked_image(image: Array, path: Path) -> Array:
+    """Return an image as float64, or raise `InputError`."""
+    try:
+        array = np.asarray(image)
+        if array.dtype.kind in "iu":
+            raise InputError(
+                f"{path}: an image holds linear values in [0, 1] as floats; divide {array.dtype} levels by their maximum"
+            )
+        if array.dtype.kind not in "fb":
+            raise InputError(f"{path}: the image is not an array of numbers, but of {array.dtype}")
+        return array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: the image is not an array of numbers ({reason(error)})") from error
 
 
 def write_samples(samples: Array, path: PathLike, *, quality: int = 95) -> None:
@@ -244,9 +256,13 @@ def write_samples(samples: Array, path: PathLike, *, quality: int = 95) -> None:
     FileError
         If the file can't be written, or is of no known kind.
     """
-    path = Path(path)
+    path = checked_path("path", path)
     kind = path.suffix.lower()
-    samples = np.asarray(samples)
+    quality = checked_count("quality", quality, 1, 95)
+    try:
+        samples = np.asarray(samples)
+    except ValueError as error:
+        raise InputError(f"{path}: the samples are no array of numbers ({reason(error)})") from error
     if samples.ndim not in (2, 3) or samples.size == 0 or (samples.ndim == 3 and samples.shape[2] not in (1, 3, 4)):
         raise InputError(f"{path}: an image is (H, W) or (H, W, 1, 3 or 4), not {samples.shape}")
     if kind == ".exr":
@@ -280,7 +296,7 @@ def _write_levels(stored: Array, path: Path, quality: int) -> None:
             try:
                 mitsuba().Bitmap(np.ascontiguousarray(stored)).write(str(beside))
             except RuntimeError as error:
-                raise FileError(f"{path}: could not be written ({error})") from error
+                raise FileError(f"{path}: could not be written ({reason(error, beside)})") from error
         else:
             from PIL import Image
 
@@ -290,81 +306,10 @@ def _write_levels(stored: Array, path: Path, quality: int) -> None:
             Image.fromarray(stored).save(beside, **options)
 
 
-def _read_png(path: Path) -> Array:
-    with open(path, "rb") as file:
-        head = file.read(26)
-    if head[:8] != b"\x89PNG\r\n\x1a\n":
-        raise FileError(f"{path}: is named .png, but its content is not PNG")
-    if head[24] == 16:
-        # Pillow silently reads 16-bit colour as 8 bits.
-        return np.asarray(mitsuba().Bitmap(str(path)))
-    with _open_checked(path, "PNG") as image:
-        has_alpha = "A" in image.mode or "transparency" in image.info
-        gray = image.mode in ("1", "L", "LA") and not has_alpha
-        return np.asarray(image.convert("L" if gray else "RGBA" if has_alpha else "RGB"))
-
-
-def _read_jpeg(path: Path) -> Array:
-    with _open_checked(path, "JPEG") as image:
-        return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
-
-
-def _read_by_pillow(path: Path) -> Array:
-    with _open_checked(path, path.suffix[1:].upper()) as image:
-        has_alpha = "A" in image.mode
-        return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGBA" if has_alpha else "RGB"))
-
-
-@contextmanager
-def _open_checked(path: Path, kind: str) -> Iterator[Any]:
-    """Open an image with Pillow, without its limit of size, if the content is of the type that the name says."""
-    from PIL import Image
-
-    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
-    try:
-        with Image.open(path) as image:
-            if image.format not in (kind, "MPO" if kind == "JPEG" else kind):
-                raise FileError(f"{path}: is named {path.suffix}, but its content is {image.format}, not {kind}")
-            yield image
-    finally:
-        Image.MAX_IMAGE_PIXELS = limit
-
-
-def _read_tiff(path: Path) -> Array:
-    import tifffile
-
-    with tifffile.TiffFile(path) as file:
-        page = file.pages.first
-        if len(file.pages) != 1:
-            raise FileError(f"{path}: holds {len(file.pages)} pages; an image has one")
-        name = page.photometric.name
-        if name not in ("MINISBLACK", "MINISWHITE", "RGB"):
-            raise FileError(f"{path}: stores colours as {name}; save it as grey or RGB")
-        values = np.asarray(page.asarray())
-        if values.ndim == 3 and page.planarconfig.name == "SEPARATE":
-            values = np.moveaxis(values, 0, 2)
-    if name == "MINISWHITE" and values.dtype.kind in "ub":
-        values = ~values if values.dtype.kind == "b" else np.iinfo(values.dtype).max - values
-    return values
-
-
-def _read_exr_image(path: Path) -> Array:
-    channels, _ = read_exr(path)
-    if {"R", "G", "B"} <= channels.keys():
-        names = ["R", "G", "B", *(["A"] if "A" in channels else [])]
-        return np.stack([channels[n] for n in names], axis=-1)
-    if len(channels) == 1:
-        return next(iter(channels.values()))
-    raise FileError(f"{path}: has channels {', '.join(sorted(channels))}, no R, G, B; read them by name with read_exr")
-
-
-_readers: dict[str, Callable[[Path], Array]] = {
-    ".png": _read_png,
-    ".jpg": _read_jpeg,
-    ".jpeg": _read_jpeg,
-    ".tif": _read_tiff,
-    ".tiff": _read_tiff,
-    ".exr": _read_exr_image,
-    ".tga": _read_by_pillow,
-    ".bmp": _read_by_pillow,
+_readers: dict[str, Callable[[Path], Pixels]] = {
+    **{kind: functools.partial(read_by_pillow, kind=kind) for kind in ("PNG", "JPEG", "WebP", "BMP", "TGA", "JPEG 2000")},
+    "TIFF": read_tiff,
+    "Radiance HDR": read_hdr,
+    "EXR": read_exr_image,
+    "raw": read_raw,
 }

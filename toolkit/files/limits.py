@@ -13,7 +13,7 @@ from intaglio.errors import InputError
 _GIB = 2**30
 
 # Share of the memory that is available which one input may take; the rest is for the work on it.
-_SHARE = 0.75
+_SHARE = 0.5
 
 # Where neither the setting nor the system says anything.
 _FALLBACK = 4 * _GIB
@@ -28,7 +28,7 @@ def limit_memory(gib: float | None) -> None:
     ----------
     gib : float or None
         GiB that decoding one input may need. None goes back to the default: the environment variable ``INTAGLIO_MEMORY`` (GiB),
-        or three quarters of the memory that is available when a file is read.
+        or half of the memory that is available when a file is read.
 
     Raises
     ------
