@@ -1,6 +1,8 @@
 """Triangulated surfaces: base shapes, topology, mending, reading and writing."""
 
 from intaglio.mesh.base import Base, BaseFit, Cylinder, Plane, Sphere, face_the_scan, perpendicular, unit
+from intaglio.mesh.point_cloud import PointFile
+from intaglio.mesh.point_files import POINT_FILES, holds_points, read_point_file
 from intaglio.mesh.points import surface_from_points, surface_from_range_image
 from intaglio.mesh.reading import load_mesh, picture_of, read_surface, vertex_colors
 from intaglio.mesh.smooth_base import SmoothBase
@@ -23,11 +25,13 @@ from intaglio.mesh.topology import (
 from intaglio.mesh.writing import WRITABLE, check_single_precision, color_fields, ply_table, write_surface
 
 __all__ = [
+    "POINT_FILES",
     "WRITABLE",
     "Base",
     "BaseFit",
     "Cylinder",
     "Plane",
+    "PointFile",
     "SmoothBase",
     "Sphere",
     "Surface",
@@ -42,6 +46,7 @@ __all__ = [
     "face_the_scan",
     "following",
     "grid_faces",
+    "holds_points",
     "largest_faces",
     "load_mesh",
     "opposite_edges",
@@ -49,6 +54,7 @@ __all__ = [
     "picture_of",
     "pieces",
     "ply_table",
+    "read_point_file",
     "read_surface",
     "surface_from_points",
     "surface_from_range_image",
