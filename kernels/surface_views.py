@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from intaglio.kernels.launch import launch, upload
+from intaglio.kernels.lenses import coefficients, distort
 from intaglio.kernels.meshes import build_mesh
 from intaglio.kernels.pictures import Picture, Pyramid, at_level
 
@@ -17,13 +18,14 @@ _MOST_TAPS = wp.constant(8)
 
 @wp.struct
 class Pinhole:
-    """A camera, in coordinates moved to the mesh's centre: pixel = K (R X + t), with radial distortion k1, k2."""
+    """A camera, in coordinates moved to the mesh's centre: pixel = K (R X + t), with its lens's distortion before K."""
 
     matrix: wp.mat33
     turn: wp.mat33
     shift: wp.vec3
     center: wp.vec3
-    distortion: wp.vec2
+    family: int
+    lens: coefficients
     # Squared distance from the axis, before distortion, up to which the distortion does not turn back on itself.
     reach: float
 
@@ -36,12 +38,9 @@ def project(camera: Pinhole, point: wp.vec3) -> wp.vec3:
     if seen[2] > 0.0:
         x = seen[0] / seen[2]
         y = seen[1] / seen[2]
-        r = x * x + y * y
-        k1 = camera.distortion[0]
-        k2 = camera.distortion[1]
-        if r < camera.reach:
-            factor = 1.0 + k1 * r + k2 * r * r
-            pixel = camera.matrix * wp.vec3(x * factor, y * factor, 1.0)
+        if x * x + y * y < camera.reach:
+            moved = distort(camera.family, camera.lens, x, y)
+            pixel = camera.matrix * wp.vec3(moved[0], moved[1], 1.0)
             result = wp.vec3(pixel[0], pixel[1], seen[2])
     return result
 
@@ -175,14 +174,20 @@ class SurfaceViews:
         self._faces = upload(faces, wp.int32, device)
         self._mesh = build_mesh(self._points, faces)
 
-    def pinhole(self, matrix: np.ndarray, turn: np.ndarray, shift: np.ndarray, distortion: np.ndarray, reach: float) -> Pinhole:
-        """Return a camera for the kernels: pixel = matrix (turn X + shift); points further than ``reach`` are not seen."""
+    def pinhole(
+        self, matrix: np.ndarray, turn: np.ndarray, shift: np.ndarray, lens: tuple[int, np.ndarray], reach: float
+    ) -> Pinhole:
+        """Return a camera for the kernels: pixel = matrix (turn X + shift); points further than ``reach`` are not seen.
+
+        ``lens`` is the family of the lens and its coefficients; see `intaglio.kernels.lenses`.
+        """
         camera = Pinhole()
         camera.matrix = wp.mat33(*map(float, np.asarray(matrix).reshape(-1)))
         camera.turn = wp.mat33(*map(float, np.asarray(turn).reshape(-1)))
         camera.shift = wp.vec3(*map(float, turn @ self._center + shift))
         camera.center = wp.vec3(*map(float, -turn.T @ shift - self._center))
-        camera.distortion = wp.vec2(*map(float, distortion))
+        camera.family = int(lens[0])
+        camera.lens = coefficients(*map(float, lens[1]))
         camera.reach = float(min(reach, 1e30))
         return camera
 

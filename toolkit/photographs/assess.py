@@ -8,12 +8,14 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array
+from intaglio.checks import checked_count, checked_finite, checked_mask
 from intaglio.errors import InputError
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface
 from intaglio.parameterization import Parameterization
-from intaglio.photographs.camera import Photograph
-from intaglio.photographs.texture import Texture
+from intaglio.photographs.binding import checked_photographs
+from intaglio.photographs.camera import Camera, Photograph
+from intaglio.photographs.texture import Texture, checked_layout, checked_texture
 from intaglio.render import Comparison, compare, through_camera
 
 # The width of the band along a border, in texels, whose own steps the step across is compared with.
@@ -84,6 +86,11 @@ def border_step(texture: Texture) -> float:
     float
         About 1 if borders can't be told from the texture, larger if they can be seen; NaN if there are no borders.
 
+    Raises
+    ------
+    InputError
+        If ``texture`` is no Texture, or its arrays are not of one size.
+
     Examples
     --------
     >>> import numpy as np
@@ -98,6 +105,7 @@ def border_step(texture: Texture) -> float:
     >>> intaglio.border_step(texture)  # a single photograph has no borders
     nan
     """
+    checked_texture("texture", texture)
     shown = encode_srgb(texture.image)
     strongest = np.where(texture.known, texture.photograph[:, :, 0], -1)
     across, along = [], []
@@ -149,7 +157,7 @@ def compare_with_photograph(
     known : (H, W) bool array
         Texels that count.
     photograph : Photograph
-        Preferably one that the texture was not made from. Its camera must have no distortion.
+        Preferably one that the texture was not made from. What its lens distorts is undone first.
     reduce : int, optional
         Compare at a resolution that is lower by this factor, 1 to 4096.
     samples : int, optional
@@ -165,7 +173,7 @@ def compare_with_photograph(
     Raises
     ------
     InputError
-        If shapes don't agree, the camera distorts, or it sees next to nothing of the known texels.
+        If an argument is of another type, shapes don't agree, or the camera sees next to nothing of the known texels.
 
     See Also
     --------
@@ -186,18 +194,19 @@ def compare_with_photograph(
     >>> found.psnr > 60
     True
     """
-    shape = np.shape(image)
-    if len(shape) != 3 or shape[2] != 3 or np.shape(known) != shape[:2] or not np.isfinite(image).all():
-        raise InputError(f"image must be finite (H, W, 3) and known (H, W), not {shape} and {np.shape(known)}")
-    for name, value in (("reduce", reduce), ("samples", samples)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 1 <= value <= 4096:
-            raise InputError(f"{name} must be a whole number from 1 to 4096, not {value!r}")
+    checked_layout(surface, uv)
+    # The renderer takes an array's memory as it is.
+    image = np.ascontiguousarray(checked_finite("image", image), np.float32)
+    if image.ndim != 3 or image.shape[2] != 3 or min(image.shape) < 1:
+        raise InputError(f"image must be (H, W, 3), not {image.shape}")
+    known = checked_mask("known", known, image.shape[:2])
+    (photograph,) = checked_photographs("photograph", photograph)
+    reduce, samples = checked_count("reduce", reduce, 1, 4096), checked_count("samples", samples, 1, 4096)
+    seed = checked_count("seed", seed, 0, 2**32 - 1)
     camera = photograph.camera
-    if camera.distortion.any():
-        raise InputError(
-            f"{photograph.name}: its camera has radial distortion, which can't be rendered; undistort the photograph"
-        )
     truth, mask = photograph.read()
+    if camera.distorts:
+        truth, mask = _undistorted(camera, truth, mask)
     if reduce > 1:
         height, width = (n // reduce * reduce for n in truth.shape[:2])
         truth = truth[:height, :width].reshape(height // reduce, reduce, width // reduce, reduce, 3).mean(axis=(1, 3))
@@ -206,6 +215,8 @@ def compare_with_photograph(
     matrix[:2] /= reduce
     matrix[:2, 2] += 0.5 / reduce - 0.5
     size = truth.shape[:2]
+    if min(size) < 1:
+        raise InputError(f"reduce must be at most the photograph's smaller side, not {reduce}")
     vertices = surface.vertices[uv.vertex]
     views = {"matrix": matrix, "turn": camera.R, "shift": camera.t, "size": size, "samples": samples, "seed": seed}
     rendered, alpha = through_camera(vertices, uv.faces, uv.uv, image, **views)  # type: ignore[arg-type]
@@ -222,6 +233,20 @@ def compare_with_photograph(
     difference = encode_srgb(first)[shown].astype(np.float64) - encode_srgb(second)[shown]
     psnr = float(-10 * np.log10(max(float(np.mean(difference**2)), 1e-12)))
     return ViewComparison(photograph.name, compare(first, second), psnr, rendered, matched.astype(np.float32), shown)
+
+
+def _undistorted(camera: Camera, values: Array, mask: Array | None) -> tuple[Array, Array]:
+    """Return what a pinhole in the camera's place would have taken, and which of its pixels the photograph shows."""
+    height, width = values.shape[:2]
+    y, x = np.mgrid[:height, :width]
+    flat = np.linalg.solve(camera.K[:2, :2], np.stack([x.reshape(-1), y.reshape(-1)]) - camera.K[:2, 2, None]).T
+    at = camera.project((np.concatenate([flat, np.ones((len(flat), 1))], axis=1) - camera.t) @ camera.R)[0]
+    with np.errstate(invalid="ignore"):
+        inside = (at >= 0).all(axis=1) & (at[:, 0] <= width - 1) & (at[:, 1] <= height - 1)
+    place = np.where(inside[:, None], at, 0).T[::-1]
+    moved = np.stack([ndimage.map_coordinates(values[:, :, c], place, order=1) for c in range(3)], axis=1)
+    shown = inside if mask is None else inside & mask[tuple(np.rint(place).astype(int))]
+    return moved.reshape(height, width, 3), shown.reshape(height, width)
 
 
 def _ratio(wanted: Array, given: Array) -> float:

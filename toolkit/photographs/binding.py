@@ -248,7 +248,7 @@ def bind_photographs(
         silhouette = np.zeros(count, bool)
         silhouette[surface.faces[away]] = True
         height, width = image.shape[:2]
-        pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion, camera.reach)
+        pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.lens, camera.reach)
         at, seen = views.visible(pinhole, (width, height), _CLEARANCE * typical)
         pixel[i] = at
         found = seen & used & ~silhouette & (cosine[i] > max(np.cos(np.radians(grazing)), 1e-6))

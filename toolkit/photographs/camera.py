@@ -9,8 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import checked_choice, checked_finite, checked_vectors
 from intaglio.errors import InputError
 from intaglio.files import read_image
+from intaglio.photographs.lens import (
+    MODELS,
+    checked_coefficients,
+    distort,
+    is_straight,
+    packed,
+    reach_of,
+    undistort,
+)
 
 # Entries of R R^T may differ from the identity's by this much: calibrations are printed with six digits.
 _ROTATION = 1e-3
@@ -18,7 +28,7 @@ _ROTATION = 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """Pinhole camera: a point X appears at pixel K (R X + t).
+    """Camera: a point X appears at pixel K (R X + t), which the lens may have moved before K.
 
     In the camera's coordinates x is right, y down and z forwards. Pixel centres are whole numbers, from (0, 0).
 
@@ -32,13 +42,24 @@ class Camera:
         Translation, in the surface's unit of length.
     size : (int, int) or None, optional
         Rows and columns of the photographs for which the camera is calibrated. Default None: not known, so not checked.
-    distortion : (2,) array, optional
-        Radial distortion k1, k2: distance r from the axis becomes r (1 + k1 r^2 + k2 r^4), before K. Default none.
+    distortion : (n,) array, optional
+        Coefficients of the lens, in the order of its model; those that are left out are 0. Default none.
+    model : str, optional
+        How the lens distorts. With (x, y) the point at depth 1 and r its distance from the axis:
+
+        * ``"opencv"`` (default): k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, as OpenCV orders them: r becomes
+          r (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6), with tangential and thin prism terms;
+        * ``"brown"``: k1, k2, k3, k4, p1, p2: r (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8), and the tangential terms;
+        * ``"fisheye"``: k1, k2, k3, k4, p1, p2: the same of the angle off the axis in place of r;
+        * ``"thin_prism_fisheye"``, ``"rad_tan_thin_prism_fisheye"``, ``"fov"``, ``"division"``, ``"eucm"``: COLMAP's
+          parameters of these names, after focal lengths and principal point;
+        * ``"inverse"``: k: VisualSFM's, r becomes the r' with r = r' (1 + k r'^2).
 
     Raises
     ------
     InputError
-        If K is not such a matrix, R not a rotation, the size not two whole numbers, or a value is not finite.
+        If K is not such a matrix, R not a rotation, the size not two whole numbers, a value is not finite, or the lens has
+        more coefficients than its model.
 
     See Also
     --------
@@ -58,21 +79,26 @@ class Camera:
     R: Array
     t: Array
     size: tuple[int, int] | None = None
-    distortion: Array = (0.0, 0.0)  # type: ignore[assignment]
+    distortion: Array = ()  # type: ignore[assignment]
+    model: str = "opencv"
 
     def __post_init__(self) -> None:
-        for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)), ("distortion", (2,))):
+        checked_choice("model", self.model, MODELS)
+        for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)), ("distortion", None)):
             try:
+                if np.iscomplexobj(getattr(self, name)):
+                    raise TypeError("complex numbers")
                 value = np.array(getattr(self, name), np.float64)
-            except (TypeError, ValueError) as problem:
+            except (TypeError, ValueError, OverflowError) as problem:
                 raise InputError(f"{name} is not an array of numbers ({problem})") from problem
             if name == "t" and value.size == 3:
                 value = value.reshape(3)
-            if value.shape != shape:
+            if shape is not None and value.shape != shape:
                 raise InputError(f"{name} must be {' x '.join(map(str, shape))} numbers, not of shape {value.shape}")
             if not np.isfinite(value).all():
                 raise InputError(f"{name} has entries that are not finite")
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "distortion", checked_coefficients(self.model, self.distortion))
         if self.size is not None:
             try:
                 rows, columns = self.size
@@ -82,12 +108,15 @@ class Camera:
             if min(put_size) < 1 or put_size != tuple(self.size):
                 raise InputError(f"size must be rows and columns in whole pixels, not {self.size!r}")
             object.__setattr__(self, "size", put_size)
-        k = self.K / self.K[2, 2] if self.K[2, 2] else self.K
-        if not (k[0, 0] > 0 and k[1, 1] > 0 and np.abs(k[[1, 2, 2], [0, 0, 1]]).max() < 1e-6 * k[0, 0] and k[2, 2] == 1):
+        with np.errstate(all="ignore"):
+            k = self.K / self.K[2, 2] if self.K[2, 2] else self.K
+        focal = min(k[0, 0], k[1, 1])
+        if not (focal > 0 and np.isfinite(k).all() and np.abs(k[[1, 2, 2], [0, 0, 1]]).max() < 1e-6 * focal and k[2, 2] == 1):
             raise InputError("K must be upper triangular with positive focal lengths and 1 in the last place")
         object.__setattr__(self, "K", k)
-        off = float(np.abs(self.R @ self.R.T - np.eye(3)).max())
-        if off > _ROTATION:
+        with np.errstate(all="ignore"):
+            off = float(np.abs(self.R @ self.R.T - np.eye(3)).max())
+        if not off <= _ROTATION:
             raise InputError(f"R is not a rotation: R times its transpose differs from the identity by {off:.3g}")
         if np.linalg.det(self.R) < 0:
             raise InputError("R is a reflection, its determinant is -1; reverse the sign of one axis")
@@ -114,8 +143,48 @@ class Camera:
         return np.asarray(-self.R.T @ self.t)
 
     @property
+    def lens(self) -> tuple[int, Array]:
+        """The lens as the kernels take it.
+
+        Returns
+        -------
+        family : int
+            Number of the family that the model belongs to.
+        coefficients : (16,) float64 array
+            The distortion's coefficients in the places of the family; see `intaglio.kernels.lenses`.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.Camera(K=np.eye(3), R=np.eye(3), t=[0, 0, 2], distortion=[0.1, 0.02]).lens[1][:3]
+        array([0.1 , 0.02, 0.  ])
+        """
+        return packed(self.model, self.distortion)
+
+    @property
+    def distorts(self) -> bool:
+        """Whether the lens bends straight lines.
+
+        Returns
+        -------
+        bool
+            False for a pinhole: no coefficient of the lens does anything.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> intaglio.Camera(K=np.eye(3), R=np.eye(3), t=[0, 0, 2]).distorts
+        False
+        >>> intaglio.Camera(K=np.eye(3), R=np.eye(3), t=[0, 0, 2], model="fisheye").distorts
+        True
+        """
+        return not is_straight(self.model, self.distortion)
+
+    @property
     def reach(self) -> float:
-        """Squared distance from the axis, before distortion, up to which the distortion is monotonic.
+        """Squared distance from the axis, before distortion, up to which the distortion does not turn back.
 
         Returns
         -------
@@ -131,11 +200,7 @@ class Camera:
         >>> round(intaglio.Camera(K=np.eye(3), R=np.eye(3), t=[0, 0, 2], distortion=[-1 / 3, 0]).reach, 6)
         1.0
         """
-        k1, k2 = self.distortion
-        # r (1 + k1 r^2 + k2 r^4) stops growing where 1 + 3 k1 s + 5 k2 s^2 = 0, s = r^2.
-        roots = np.roots([5 * k2, 3 * k1, 1.0]) if k2 or k1 else np.zeros(0)
-        real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-        return float(real.min()) if len(real) else np.inf
+        return reach_of(self.lens)
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Return where points appear in the picture.
@@ -153,6 +218,11 @@ class Camera:
         depth : (N,) float64 array
             Distances along the camera's axis, negative behind it.
 
+        Raises
+        ------
+        InputError
+            If ``points`` is not an (N, 3) array of finite numbers.
+
         Examples
         --------
         >>> import numpy as np
@@ -163,14 +233,52 @@ class Camera:
         [[19.5 15.5]
          [ nan  nan]] [ 2. -1.]
         """
-        seen = np.asarray(points, np.float64) @ self.R.T + self.t
+        seen = checked_vectors("points", points) @ self.R.T + self.t
         depth = seen[:, 2]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(all="ignore"):
             flat = np.where(depth[:, None] > 0, seen[:, :2] / depth[:, None], np.nan)
-        r = np.sum(flat**2, axis=1, keepdims=True)
-        flat = np.where(r < self.reach, flat, np.nan)
-        flat = flat * (1 + self.distortion[0] * r + self.distortion[1] * r**2)
+            r = np.sum(flat**2, axis=1, keepdims=True)
+            flat = np.where(r < self.reach, flat, np.nan)
+            if self.distorts:
+                flat = distort(self.lens, flat)
         return flat @ self.K[:2, :2].T + self.K[:2, 2], depth
+
+    def unproject(self, pixel: Array) -> Array:
+        """Return the directions in which pixels look: what `project` leads to them.
+
+        Parameters
+        ----------
+        pixel : (N, 2) array
+            Positions x, y in pixels, from the centre of the upper left pixel.
+
+        Returns
+        -------
+        (N, 3) float64 array
+            Unit vectors in the world, from the camera's `center`; NaN where the lens shows nothing.
+
+        Raises
+        ------
+        InputError
+            If ``pixel`` is not an (N, 2) array of finite numbers.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> camera = intaglio.Camera(K=[[16, 0, 15.5], [0, 16, 15.5], [0, 0, 1]], R=np.eye(3), t=[0, 0, 2], distortion=[0.1])
+        >>> point = np.array([[0.5, 0.25, 0.0]])
+        >>> way = camera.unproject(camera.project(point)[0])
+        >>> bool(np.allclose(np.cross(way, point - camera.center), 0))
+        True
+        """
+        at = checked_finite("pixel", pixel)
+        if at.ndim != 2 or at.shape[1] != 2:
+            raise InputError(f"pixel must be an (N, 2) array, not {at.shape}")
+        flat = np.linalg.solve(self.K[:2, :2], (at - self.K[:2, 2]).T).T
+        if self.distorts:
+            flat = undistort(self.lens, flat, self.reach)
+        way = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True) @ self.R)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +291,8 @@ class Photograph:
         The camera, calibrated for pictures of this size.
     picture : (H, W), (H, W, 3) or (H, W, 4) float array, or path
         Linear values, of at least 4 x 4 pixels, or an image file. A fourth channel tells where the object is. A file is read
-        each time it is needed, so that many photographs take little memory.
+        each time it is needed, so that many photographs take little memory; its pixels are taken as they are stored, and turned
+        as EXIF says only if the camera's size asks for that.
     name : str, optional
         Name of the photograph in messages and in the coverage of a texture. Default "photograph".
 
@@ -253,8 +362,7 @@ class Photograph:
         >>> values.shape, int(mask.sum())
         ((8, 8, 3), 32)
         """
-        stored = isinstance(self.picture, str | os.PathLike)
-        values = read_image(self.picture) if stored else np.asarray(self.picture)  # type: ignore[arg-type]
+        values = self._values()
         if values.dtype.kind != "f":
             raise InputError(
                 f"{self.name}: a photograph holds linear values as floats (read_image gives them), not {values.dtype}"
@@ -280,3 +388,17 @@ class Photograph:
             raise InputError(f"{self.name}: the photograph has values that are not finite")
         mask = values[:, :, 3] > 0.5 if values.shape[2] == 4 else None
         return np.ascontiguousarray(values[:, :, :3], np.float32), mask
+
+    def _values(self) -> Array:
+        """Return the picture; a file's pixels as they are stored, which calibrations count, unless only turned they fit."""
+        if not isinstance(self.picture, str | os.PathLike):
+            try:
+                # A matrix of NumPy stays one whatever it is indexed with.
+                return np.asarray(self.picture)
+            except (TypeError, ValueError) as problem:
+                raise InputError(f"{self.name}: the picture is neither an array nor a path ({problem})") from problem
+        values = read_image(self.picture, orient=False)
+        expected = self.camera.size
+        if expected is not None and values.shape[:2] == expected[::-1] != expected:
+            return read_image(self.picture)
+        return values

@@ -185,7 +185,7 @@ def combine_photographs(
         if common[i].any():
             picture = Picture.of(photograph.read()[0], chosen)
             camera = photograph.camera
-            pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.distortion, camera.reach)
+            pinhole = views.pinhole(camera.K, camera.R, camera.t, camera.lens, camera.reach)
             sampled = sampler.sample(pinhole, picture, common[i], gains[i])
             facing = np.ascontiguousarray(sampled[:, :, 3])
             defined = facing > 0

@@ -11,7 +11,7 @@ from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pull_push import continue_image
 from intaglio.kernels.transfer import decode_srgb, encode_srgb
-from intaglio.photographs.texture import Texture
+from intaglio.photographs.texture import Texture, checked_texture
 from intaglio.restoration import restore
 
 
@@ -65,7 +65,7 @@ def restore_texture(
     Raises
     ------
     InputError
-        If no texel is known, or an option is out of range.
+        If ``texture`` is no Texture, none of its texels is known, or an option is out of range.
 
     See Also
     --------
@@ -90,6 +90,7 @@ def restore_texture(
     >>> bool(np.allclose(whole.image, 0.25, atol=1e-4))
     True
     """
+    checked_texture("texture", texture)
     missing = texture.inside & ~texture.known
     if not missing.any():
         return replace(texture, notes=(*texture.notes, "every texel was photographed, there is nothing to restore"))

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.errors import InputError
+from intaglio.mesh import Surface
+from intaglio.parameterization import Parameterization
 
 
 @dataclass(frozen=True)
@@ -114,3 +117,31 @@ class Texture:
         for number, name in enumerate(self.names):
             found[name] = float(np.where(self.photograph == number, self.weight, 0).sum(dtype=np.float64)) / texels
         return found
+
+
+def checked_texture(name: str, value: Texture) -> Texture:
+    """Return ``value``, or raise `InputError` if it is no Texture whose arrays are of one size."""
+    if not isinstance(value, Texture):
+        raise InputError(f"{name} must be a Texture (combine_photographs gives one), not {type(value).__name__}")
+    shape = np.shape(value.image)
+    if len(shape) != 3 or shape[2] != 3 or min(shape) < 1 or not np.issubdtype(np.asarray(value.image).dtype, np.floating):
+        raise InputError(f"{name}: its image must be (H, W, 3) floats, not {shape}")
+    if not np.isfinite(value.image).all():
+        raise InputError(f"{name}: its image has values that are not finite")
+    for part, dimensions, kinds in (("known", 2, "b"), ("chart", 2, "iu"), ("photograph", 3, "iu"), ("weight", 3, "f")):
+        array = np.asarray(getattr(value, part))
+        if array.shape[:2] != shape[:2] or array.ndim != dimensions or array.size == 0 or array.dtype.kind not in kinds:
+            raise InputError(
+                f"{name}: its {part} does not fit its image of {shape[0]} x {shape[1]} texels: {array.dtype} {array.shape}"
+            )
+    return value
+
+
+def checked_layout(surface: Surface, uv: Parameterization) -> None:
+    """Raise `InputError` if ``surface`` is no Surface, or ``uv`` no Parameterization of it."""
+    if not isinstance(surface, Surface):
+        raise InputError(f"surface must be a Surface (read_surface gives one), not {type(surface).__name__}")
+    if not isinstance(uv, Parameterization):
+        raise InputError(f"uv must come from parameterize, it is a {type(uv).__name__}")
+    if len(uv.faces) != len(surface.faces) or len(uv.vertex) == 0 or int(uv.vertex.max()) >= len(surface.vertices):
+        raise InputError("uv belongs to another surface: its faces or vertices are not those of this one")

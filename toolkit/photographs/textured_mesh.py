@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from intaglio.files import check_writable, whole_file
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface, check_single_precision
 from intaglio.parameterization import Parameterization
-from intaglio.photographs.texture import Texture
+from intaglio.photographs.texture import Texture, checked_layout, checked_texture
 
 TEXTURED_SUFFIXES = (".glb", ".gltf", ".obj")
 
@@ -51,7 +52,7 @@ def write_textured(surface: Surface, uv: Parameterization, texture: Texture, pat
     FileError
         For another suffix, or if a file can't be written.
     InputError
-        If ``uv`` does not belong to the surface.
+        If an argument is of another type, or ``uv`` does not belong to the surface.
 
     See Also
     --------
@@ -73,14 +74,14 @@ def write_textured(surface: Surface, uv: Parameterization, texture: Texture, pat
     >>> [path.name for path in written]
     ['square.glb', 'square.coverage.png']
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"path must be a path, not {type(path).__name__}")
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in TEXTURED_SUFFIXES:
         raise FileError(f"{path}: a textured mesh can be written as {', '.join(TEXTURED_SUFFIXES)}, not {kind!r}")
-    if not isinstance(uv, Parameterization):
-        raise InputError(f"uv must come from parameterize, it is a {type(uv).__name__}")
-    if len(uv.faces) != len(surface.faces) or int(uv.vertex.max()) >= len(surface.vertices):
-        raise InputError("uv belongs to another surface: its faces or vertices are not those of this one")
+    checked_layout(surface, uv)
+    checked_texture("texture", texture)
     if kind != ".obj":
         check_single_precision(surface, path)
     written = files_of(path)
