@@ -17,7 +17,7 @@ from intaglio.cli.options import Numbers, common, grouped, known_suffix, render_
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import READABLE_SUFFIXES, check_readable, check_writable, read_samples, write_samples
-from intaglio.mesh import read_surface, used_vertices
+from intaglio.mesh import read_surface
 from intaglio.parameterization import BOUNDARIES, ENERGIES, parameterize
 from intaglio.photographs import (
     BACKGROUND_THRESHOLD,
@@ -116,7 +116,7 @@ class _Background(click.ParamType):
 )
 @click.option("--restore", type=click.Choice([*METHODS, "none"]), default="split", show_default=True, help="What was not seen.")
 @click.option("--leave-out", multiple=True, help="Name of a photograph to compare with instead of using; may be repeated.")
-@click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
+@click.option("--strict", is_flag=True, help="Refuse a mesh that must be mended, and photographs that are missing or scaled.")
 @click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
 @common
 def texture(
@@ -130,15 +130,17 @@ def texture(
     seeing: dict[str, Any],
     restore: str,
     leave_out: tuple[str, ...],
-    repair: bool,
+    strict: bool,
     report: Path | None,
     seed: int,
     device: str | None,
 ) -> None:
     """Make one texture for MESH from the photographs that CAMERAS registers with it.
 
-    CAMERAS is a JSON file (K, R, and t or C of each view), COLMAP's folder of text files, Bundler's .out, VisualSFM's .nvm or
-    Middlebury's _par.txt. What no photograph saw is restored; NAME.coverage.png tells which texels are made up.
+    CAMERAS is the folder of a project, or a file: COLMAP's cameras.bin or .txt, transforms.json, Meshroom's .sfm, OpenMVG's
+    sfm_data.json, Metashape's .xml, RealityCapture's .csv, Bundler's .out, VisualSFM's .nvm, Middlebury's _par.txt, or JSON with
+    K, R, and t or C of each view. Lenses are undone on the way. What no photograph saw is restored; NAME.coverage.png tells
+    which texels are made up.
     """
     check_readable(mesh)
     check_writable(output, inputs=(mesh, cameras))
@@ -150,18 +152,16 @@ def texture(
     if was_given("importance") and layout.view is None:
         raise InputError("--importance says how much a view counts; give the view with --view")
     chosen = device_or_error(device)
-    surface = read_surface(mesh, repair=repair)
-    if repair:
-        surface = surface.part(used_vertices(surface.faces, len(surface.vertices)))
-    photographs = read_photographs(cameras, images=images)
+    surface = read_surface(mesh, strict=strict)
+    photographs = read_photographs(cameras, images=images, strict=strict)
     for path in files_of(output):
         check_writable(path, inputs=(mesh, cameras, *_materials(mesh), *_pictures(photographs)))
     unknown = sorted(set(leave_out) - {p.name for p in photographs})
     if unknown:
-        raise InputError(f"--leave-out {unknown[0]}: {cameras} has no such view; it has {', '.join(p.name for p in photographs)}")
+        some = ", ".join(p.name for p in photographs[:5])
+        more = f" and {len(photographs) - 5} more" if len(photographs) > 5 else ""
+        raise InputError(f"--leave-out {unknown[0]}: {cameras} has no such view; it has {some}{more}")
     for photograph in photographs:
-        if photograph.name in leave_out and photograph.camera.distortion.any():
-            raise InputError(f"--leave-out {photograph.name}: its camera has radial distortion, which the renderer has not")
         # A photograph that does not fit its calibration is better known before the work than after it.
         photograph.read()
     used = [p for p in photographs if p.name not in leave_out]
