@@ -218,4 +218,7 @@ def mitsuba() -> ModuleType:
 
     if mi.variant() != chosen.name:
         mi.set_variant(chosen.name)
+    if mi.log_level() == mi.LogLevel.Warn:
+        # Warnings go to the standard output, where results are; errors are raised as well. Other levels were set by the user.
+        mi.set_log_level(mi.LogLevel.Error)
     return mi

@@ -113,7 +113,7 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         ([sample, "-o", tmp_path / "o.xyz", "--size", "50x50"], "unknown image type"),
         ([sample, "-o", tmp_path / "o.png", "--size", "50"], "WIDTHxHEIGHT"),
         ([tmp_path / "none.png", *out], "no such file"),
-        ([tmp_path / "text.png", *out], "not PNG"),
+        ([tmp_path / "text.png", *out], "is no image of a known type"),
         ([sample, other, "-o", tmp_path / "d", "--size", "50x50"], "must have one size"),
         ([sample, sample, "-o", tmp_path / "d", "--size", "50x50"], "written as one file"),
         ([sample, other, *out], "give a folder"),

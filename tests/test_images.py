@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import io
-import logging
 import struct
-import subprocess
-import sys
-import warnings
 import zlib
 
 import numpy as np
@@ -59,15 +55,22 @@ def test_colours_come_as_they_were_stored(tmp_path, name, options):
     np.testing.assert_array_equal(read_samples(tmp_path / name), COLOR)
 
 
-@pytest.mark.parametrize("mode", ["L", "LA", "RGBA", "1", "P"])
-@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.tga", "a.webp", "a.bmp", "a.jp2"])
+MODES = {
+    "a.png": ["L", "LA", "RGBA", "1", "P"],
+    "a.tif": ["L", "LA", "RGBA", "1", "P"],
+    "a.tga": ["L", "LA", "RGBA", "1", "P"],
+    "a.webp": ["L", "LA", "RGBA", "P"],
+    "a.bmp": ["L", "1", "P"],
+    "a.jp2": ["L", "LA", "RGBA"],
+}
+
+
+@pytest.mark.parametrize(("name", "mode"), [(name, mode) for name, modes in MODES.items() for mode in modes])
 def test_modes(tmp_path, name, mode):
-    if (name == "a.webp" and mode == "1") or (name == "a.bmp" and "A" in mode) or (name == "a.jp2" and mode in "1P"):
-        pytest.skip("the format has none")
     image = Image.fromarray(COLOR).convert("RGBA")
     image.putalpha(Image.fromarray(COLOR[..., 0]))
     image = image.convert("RGB").quantize(64) if mode == "P" else image.convert(mode)
-    image.save(tmp_path / name, **({"lossless": True} if name == "a.webp" else {}))
+    image.save(tmp_path / name, **({"lossless": True, "exact": True} if name == "a.webp" else {}))
     expected = image.convert({"L": "L", "1": "L", "P": "RGB"}.get(mode, "RGBA"))
     found = read_samples(tmp_path / name)
     if name == "a.webp" and mode == "L":
@@ -75,15 +78,12 @@ def test_modes(tmp_path, name, mode):
     np.testing.assert_array_equal(found, np.asarray(expected))
 
 
-@pytest.mark.parametrize("predictor", [1, 2, 3])
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32, np.float16])
+@pytest.mark.parametrize(("kind", "predictor"), [("u1", 1), ("u1", 2), ("u2", 1), ("u2", 2), ("f4", 1), ("f4", 3), ("f2", 3)])
 @pytest.mark.parametrize("layout", ["strips", "tiles", "planes", "grey"])
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_compressed_tiffs_of_all_samples(tmp_path, predictor, kind, layout, order):
-    if (predictor == 3) != (np.dtype(kind).kind == "f"):
-        pytest.skip("floats have their own predictor")
     # Written with libtiff's compressor and the predictor by hand: tifffile alone writes neither.
-    values = (RNG.uniform(0, 60000, (37, 45, 3)) / (256 if kind == np.uint8 else 1)).astype(kind)
+    values = (RNG.uniform(0, 60000, (37, 45, 3)) / (256 if kind == "u1" else 1)).astype(kind)
     values = values[..., 0] if layout == "grey" else values
     write_lzw(tmp_path / "a.tif", values, predictor, layout, order)
     found = read_samples(tmp_path / "a.tif")
@@ -211,7 +211,6 @@ def test_radiance_pictures(tmp_path, flat):
     values[5] = 0
     (tmp_path / "a.hdr").write_bytes(radiance(values, flat=flat))
     found = intaglio.read_image(tmp_path / "a.hdr")
-    assert np.abs(found - values).max(axis=2) == pytest.approx(0, abs=1e-30 + values.max() / 100)
     assert (np.abs(found - values) <= values.max(axis=2, keepdims=True) / 100).all()
     # Mitsuba reads the same numbers.
     np.testing.assert_array_equal(found, np.asarray(mitsuba().Bitmap(str(tmp_path / "a.hdr")))[..., :3])
@@ -416,7 +415,7 @@ def test_cmyk_needs_a_profile(tmp_path, name):
         ),
         (np.ones((6, 8, 5), np.uint8), {"photometric": "minisblack", "planarconfig": "contig"}, "at most 4 channels"),
         (np.ones((6, 8, 3), np.uint8), {"photometric": "cielab"}, "stores colours as CIELAB"),
-        (np.ones((4, 6, 8), np.uint8), {"volumetric": True, "tile": (4, 16, 16)}, "flat"),
+        (np.ones((4, 6, 8), np.uint8), {"volumetric": True, "tile": (4, 16, 16), "photometric": "minisblack"}, "flat"),
     ],
 )
 def test_tiffs_that_are_no_pictures(tmp_path, values, options, message):
@@ -493,15 +492,18 @@ def test_a_damaged_exr_prints_nothing(tmp_path, capfd):
 
 
 def test_a_damaged_png_of_sixteen_bits_prints_nothing(tmp_path, capfd):
-    deep_png(tmp_path / "a.png", chunk(b"tEXt", b"a\0b"))
-    data = bytearray((tmp_path / "a.png").read_bytes())
-    data[data.index(b"tEXt") + 8] ^= 1  # its checksum is wrong now, which libpng warns of
-    (tmp_path / "a.png").write_bytes(data)
+    deep_png(tmp_path / "a.png")
+    data = (tmp_path / "a.png").read_bytes()
+    comment = bytearray(chunk(b"tEXt", b"a\0b"))
+    comment[-1] ^= 1  # its checksum is wrong now, which libpng warns of
+    end = data.index(b"IEND") - 4
+    (tmp_path / "a.png").write_bytes(data[:end] + comment + data[end:])
     np.testing.assert_array_equal(read_samples(tmp_path / "a.png"), DEEP)
-    (tmp_path / "a.png").write_bytes(data[: len(data) // 2])
-    with pytest.raises(FileError) as caught:
-        read_samples(tmp_path / "a.png")
-    assert "\n" not in caught.value.args[0]
+    for cut in (40, len(data) // 2):
+        (tmp_path / "a.png").write_bytes(data[:cut])
+        with pytest.raises(FileError, match=r"a\.png: is damaged") as caught:
+            read_samples(tmp_path / "a.png")
+        assert "\n" not in caught.value.args[0]
     assert capfd.readouterr() == ("", "")
 
 
@@ -525,7 +527,7 @@ def test_sizes_are_read_before_pixels(tmp_path, small_limit):
     (tmp_path / "a.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1000 +X 2000\n" + b"\2\2" * 5000)
     deep_png(tmp_path / "deep.png")
     for name in [*names, "tiles.tif", "a.exr", "a.hdr"]:
-        with pytest.raises(InputError, match="2000 x 1000 pixels.* needs .* GiB of memory, the limit is 0.001 GiB"):
+        with pytest.raises(InputError, match=r"2000 x 1000 pixels.* needs .* GiB of memory, the limit is 0.001 GiB"):
             intaglio.read_image(tmp_path / name)
     assert read_samples(tmp_path / "deep.png").shape == DEEP.shape
 
@@ -594,7 +596,7 @@ def test_wrong_things_to_write(tmp_path):
             intaglio.write_image(np.zeros((3, 3)), wrong)
         with pytest.raises(InputError, match="path must be"):
             intaglio.write_exr({"Y": np.zeros((3, 3))}, wrong)
-    with pytest.raises(IntaglioError, match="metadata|could not be written"):
+    with pytest.raises(IntaglioError, match=r"metadata|could not be written"):
         intaglio.write_exr({"Y": np.zeros((3, 3))}, path, metadata={"x": object()})
     assert list(tmp_path.iterdir()) == []
 

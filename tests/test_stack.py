@@ -390,21 +390,12 @@ def test_tiff_colours_are_read_as_they_are_meant(tmp_path):
     tifffile.imwrite(tmp_path / "white.tif", color[..., 0], photometric="miniswhite")
     np.testing.assert_array_equal(np.round(intaglio.read_image(tmp_path / "white.tif", linear=True) * 255), 255 - color[..., 0])
     Image.fromarray(color).convert("CMYK").save(tmp_path / "cmyk.tif")
-    with pytest.raises(FileError, match="SEPARATED"):
+    with pytest.raises(FileError, match="CMYK"):
         intaglio.read_image(tmp_path / "cmyk.tif")
-    Image.fromarray(color).convert("P").save(tmp_path / "palette.tif")
-    with pytest.raises(FileError, match="PALETTE"):
-        intaglio.read_image(tmp_path / "palette.tif")
-    tifffile.imwrite(tmp_path / "pages.tif", np.zeros((5, 6, 8), np.uint8), photometric="minisblack")
-    with pytest.raises(FileError, match="5 pages"):
-        intaglio.read_image(tmp_path / "pages.tif")
-
-
-def test_content_must_be_what_the_name_says(tmp_path):
-    Image.fromarray(np.zeros((6, 8), np.uint8)).save(tmp_path / "a.png")
-    (tmp_path / "a.png").rename(tmp_path / "a.jpg")
-    with pytest.raises(FileError, match="its content is PNG, not JPEG"):
-        intaglio.read_image(tmp_path / "a.jpg")
+    palette = Image.fromarray(color).quantize(64)
+    palette.save(tmp_path / "palette.tif")
+    found = np.round(intaglio.read_image(tmp_path / "palette.tif", linear=True) * 255)
+    np.testing.assert_array_equal(found, np.asarray(palette.convert("RGB")))
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e200])

@@ -96,7 +96,7 @@ def image_kind(path: Path) -> str:
 
 def _is_tga(start: bytes) -> bool:
     """Whether the 18 bytes of a Targa header make sense: kind of palette, kind of image, bits per pixel."""
-    return len(start) >= 18 and start[1] in (0, 1) and start[2] in (1, 2, 3, 9, 10, 11) and start[16] in (8, 15, 16, 24, 32)
+    return len(start) >= 18 and start[1] in (0, 1) and start[2] in (1, 2, 3, 9, 10, 11) and start[16] in (1, 8, 15, 16, 24, 32)
 
 
 def _otherwise(start: bytes) -> str:

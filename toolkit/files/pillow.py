@@ -40,7 +40,8 @@ def read_by_pillow(path: Path, kind: str) -> Pixels:
         frames = getattr(image, "n_frames", 1) if kind in ("PNG", "WebP") else 1
         if frames > 1:
             notes.append(f"holds {frames} frames; the first is read")
-        orientation, by_exif = _exif(image)
+        # Of a PNG, Pillow decodes the pixels to see whether EXIF follows them; it must not in vain.
+        orientation, by_exif = (1, None) if deep and "exif" not in image.info else _exif(image)
         profile, srgb, convert = _profile(image)
         if by_exif is not None and profile is None and not srgb:
             profile, srgb = (ADOBE_RGB, False) if by_exif == "adobe" else (None, True)

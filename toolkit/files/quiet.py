@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import io
 import logging
 import os
 import re
@@ -45,7 +47,9 @@ def hushed_streams() -> Iterator[None]:
         except OSError:
             pass  # a process without these streams hears nothing anyway
         try:
-            yield
+            # Bindings print by Python's own streams, what they bind by the process's.
+            with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+                yield
         finally:
             _flush()
             for stream, copy in kept:
@@ -75,4 +79,6 @@ def reason(error: BaseException, path: object = "") -> str:
     if name:
         for quoted in (f"'{name}'", f'"{name}"', repr(name), name):
             text = text.replace(quoted, "the file")
+    if text.startswith("cannot identify image file"):
+        return "its header is damaged"
     return text.removeprefix("the file: ")[:300]
