@@ -31,7 +31,7 @@ def with_hole(whole: Surface) -> Surface:
 
 def run(args: argparse.Namespace) -> Result:
     """Run the scene."""
-    truth = bowl(read_surface(real_data("meshes/nikolov_birdBath/birdBath_decimated.ply"), repair=True))
+    truth = bowl(read_surface(real_data("meshes/nikolov_birdBath/birdBath_decimated.ply")))
     settings: dict[str, Any] = {"base": "sphere", "extent": "holes", "window": 7, "rotations": 12, "spacing": 3.0, "refine": 4}
     return run_scene("bird_bath", "Bird bath, a hole in the bowl", with_hole(truth), args, truth=truth, **settings)
 

@@ -23,7 +23,7 @@ def with_hole(whole: Surface) -> Surface:
 
 def run(args: argparse.Namespace) -> Result:
     """Run the scene."""
-    truth = read_surface(real_data("meshes/nefertiti_50k/nefertiti.obj"), repair=True)
+    truth = read_surface(real_data("meshes/nefertiti_50k/nefertiti.obj"))
     result = run_scene(
         "cut_statue", "A hole cut into a statue", with_hole(truth), args,
         truth=truth, base="smooth", refine=3, more=smooth_pictures,

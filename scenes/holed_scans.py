@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> list[Result]:
     """Run the scene."""
     results = []
     for name, (path, title, settings) in SCANS.items():
-        scan = read_surface(real_data(f"meshes/{path}"), repair=True)
+        scan = read_surface(real_data(f"meshes/{path}"))
         result = run_scene(name, title, scan, args, base="smooth", refine=3, more=smooth_pictures, **settings)
         own, smooth = (relief_energy(s) for s in (result.whole, without_relief(result.whole)))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

@@ -29,7 +29,7 @@ def seen(whole: Surface) -> Surface:
 
 def run(args: argparse.Namespace) -> Result:
     """Run the scene."""
-    truth = band(read_surface(real_data("meshes/nikolov_seaVase/seaVase_decimated.ply"), repair=True))
+    truth = band(read_surface(real_data("meshes/nikolov_seaVase/seaVase_decimated.ply")))
     settings: dict[str, Any] = {"base": "cylinder", "window": 7, "rotations": 1, "spacing": 4.0, "refine": 4}
     return run_scene("sea_vase", "Vase, a third of the turn unseen", seen(truth), args, truth=truth, **settings)
 

@@ -121,29 +121,36 @@ def test_several_pieces_are_named_and_the_fitting_ones_taken():
     assert any("3 pieces: 2 on the base taken" in note and "left out (144 vertices)" in note for note in whole.notes)
 
 
-def test_duplicate_vertices_and_their_repair(tmp_path):
+def write_plain(path, surface):
+    """Write a surface as another program would: without base and provenance."""
+    import trimesh
+
+    trimesh.Trimesh(surface.vertices, surface.faces, process=False).export(path)
+
+
+def test_duplicate_vertices_and_their_mending(tmp_path):
     vertices, faces = square()
     soup = Surface(vertices=vertices[faces.ravel()], faces=np.arange(3 * len(faces)).reshape(-1, 3))
-    with pytest.raises(InputError, match=r"exactly on another.*repair"):
+    with pytest.raises(InputError, match=r"exactly on one another.*mend_surface"):
         intaglio.complete_relief(soup, "plane", window=2, extent=(-3, 14, 0, 11))
-    soup.write(tmp_path / "soup.ply")
-    mended = intaglio.read_surface(tmp_path / "soup.ply", repair=True)
+    write_plain(tmp_path / "soup.ply", soup)
+    mended = intaglio.read_surface(tmp_path / "soup.ply")
     assert len(mended.vertices) == 144
     assert any("merged" in note for note in mended.notes)
 
 
-def test_inconsistent_winding_and_its_repair(tmp_path):
+def test_inconsistent_winding_and_its_mending(tmp_path):
     vertices, faces = square()
     faces[40] = faces[40, ::-1]
     scan = Surface(vertices=vertices, faces=faces)
-    with pytest.raises(InputError, match=r"opposite directions.*repair"):
+    with pytest.raises(InputError, match=r"opposite directions.*mend_surface"):
         intaglio.complete_relief(scan, "plane", window=2)
-    scan.write(tmp_path / "turned.ply")
-    mended = intaglio.read_surface(tmp_path / "turned.ply", repair=True)
+    write_plain(tmp_path / "turned.ply", scan)
+    mended = intaglio.read_surface(tmp_path / "turned.ply")
     corners = mended.vertices[mended.faces]
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
     assert (up > 0).all()
-    assert any("1 faces turned" in note for note in mended.notes)
+    assert any("1 face turned" in note for note in mended.notes)
 
 
 def test_more_than_two_faces_at_an_edge():
@@ -193,13 +200,13 @@ def test_a_scan_that_covers_its_base_twice():
         ("picture.ply", b"\x89PNG\r\n\x1a\n" + bytes(50), "not PLY"),
         ("cut.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "no end"),
         ("short.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex 900\nproperty float x\nproperty float y\n"
-                      b"property float z\nend_header\nabc", "can't be read as PLY"),
+                      b"property float z\nend_header\nabc", "cut off"),
         ("cutface.ply", b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
                         b"element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-         "cut off|can't be read"),
-        ("scan.xyz", b"1 2 3\n", "unknown mesh type"),
-        ("noise.stl", b"\x00\x01\x02" * 30, "short|can't be read|no vertices|holds"),
-        ("text.glb", b"hello world, this is no glTF", "can't be read as GLB"),
+         "cut off"),
+        ("scan.gif", b"1 2 3\n", "unknown mesh type"),
+        ("noise.stl", b"\x00\x01\x02" * 30, "no STL"),
+        ("text.glb", b"hello world, this is no glTF", "no glTF"),
     ],
 )  # fmt: skip
 def test_files_that_are_no_meshes(tmp_path, name, content, message):
@@ -221,7 +228,7 @@ def test_damaged_properties_of_our_own(tmp_path, old, new):
     data = (tmp_path / "s.ply").read_bytes()
     assert old in data
     (tmp_path / "s.ply").write_bytes(data.replace(old, new))
-    with pytest.raises(InputError, match="own properties"):
+    with pytest.raises(InputError, match="own (properties|comments)"):
         intaglio.read_surface(tmp_path / "s.ply")
 
 
@@ -278,24 +285,6 @@ def test_a_thin_but_endless_extent():
     vertices, faces = square()
     with pytest.raises(InputError, match="smaller extent"):
         intaglio.complete_relief(Surface(vertices=vertices, faces=faces), "plane", window=2, extent=(0, 1e9, 0, 1e-9))
-
-
-def test_a_moebius_band_is_cut_by_repair(tmp_path):
-    n = 40
-    t = np.arange(n) * 2 * np.pi / n
-    rim = [
-        np.stack([(3 + s * np.cos(t / 2)) * np.cos(t), (3 + s * np.cos(t / 2)) * np.sin(t), s * np.sin(t / 2)], 1)
-        for s in (-1, 1)
-    ]
-    a, b = np.arange(n), n + np.arange(n)
-    c, d = np.append(a[1:], b[0]), np.append(b[1:], a[0])
-    faces = np.concatenate([np.stack([a, c, d], 1), np.stack([a, d, b], 1)])
-    Surface(vertices=np.concatenate(rim), faces=faces).write(tmp_path / "m.ply")
-    mended = intaglio.read_surface(tmp_path / "m.ply", repair=True)
-    assert any("one-sided" in note for note in mended.notes)
-    from intaglio.relief.ground.prepare import check_scan
-
-    check_scan(mended.vertices, mended.faces)
 
 
 def test_points_need_a_view_direction(tmp_path):

@@ -236,7 +236,7 @@ def test_made_up_relief_does_not_become_measured(whole_cap, cap, tmp_path):
     with pytest.raises(intaglio.InputError, match="filled, not measured"):
         complete_with(whole_cap, "sphere")
     whole_cap.write(tmp_path / "w.ply")
-    again = intaglio.read_surface(tmp_path / "w.ply", repair=True)
+    again = intaglio.read_surface(tmp_path / "w.ply")
     np.testing.assert_array_equal(again.measured, whole_cap.measured)
     np.testing.assert_array_equal(again.source, whole_cap.source)
     assert again.model.kind == "sphere"

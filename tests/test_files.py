@@ -200,5 +200,7 @@ def test_real_range_grid(real):
 
 def test_real_colours(real):
     lion = intaglio.read_surface(real("meshes/lion_takanawa_points/lion_mesh_colour_300k.ply"))
-    assert lion.color.shape == (152_755, 3)
+    # 152,755 vertices in the file, and those that were doubled where faces touch without joining.
+    assert lion.color.shape == lion.vertices.shape
+    assert 152_755 < len(lion.vertices) < 152_900
     assert 0 <= lion.color.min() < lion.color.max() <= 1

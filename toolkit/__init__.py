@@ -18,7 +18,7 @@ from intaglio.geometry import (
     wrap_geometry,
     write_points,
 )
-from intaglio.mesh import Surface, read_surface, surface_from_points, surface_from_range_image, write_surface
+from intaglio.mesh import Surface, mend_surface, read_surface, surface_from_points, surface_from_range_image, write_surface
 from intaglio.parameterization import Parameterization, parameterize
 from intaglio.photographs import (
     Binding,
@@ -169,6 +169,7 @@ __all__ = [
     "light_direction",
     "lights_from_sphere",
     "list_holes",
+    "mend_surface",
     "mesh_geometry",
     "multiple_comparison",
     "parameterize",

@@ -18,7 +18,7 @@ from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable, check_writable, read_samples
 from intaglio.geometry import read_uv_mesh, write_geometry_report
 from intaglio.kernels.transfer import decode_srgb
-from intaglio.mesh import load_mesh, picture_of
+from intaglio.mesh import read_mesh_file, samples_of
 from intaglio.parameterization import measure_parameterization
 from intaglio.progress import ProgressBar
 
@@ -119,10 +119,10 @@ def assess_texture(mesh: Path, cameras: Path, images: Path | None, reduce: int, 
     _check_files([mesh, cameras], None)
     device_or_error(device)
     vertices, faces, positions = read_uv_mesh(mesh)
-    picture = picture_of(load_mesh(mesh).visual)
-    if picture is None:
-        raise InputError(f"{mesh}: has no picture; give a mesh that texture wrote")
-    image = decode_srgb(np.asarray(picture.convert("RGB"), np.float32) / 255)
+    pictures = read_mesh_file(mesh).pictures
+    if len(pictures) != 1:
+        raise InputError(f"{mesh}: has {len(pictures) or 'no'} pictures; give a mesh that texture wrote")
+    image = decode_srgb(samples_of(pictures[0])[:, :, :3].astype(np.float32) / 255)
     surface = intaglio.Surface(vertices=vertices, faces=faces)
     uv = measure_parameterization(surface, positions, faces, np.arange(len(vertices)), ())
     photographs = intaglio.read_photographs(cameras, images=images)

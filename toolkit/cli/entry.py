@@ -129,9 +129,9 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
 
 @cli.command(epilog="Example: intaglio info scan.ply capture.lp")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--repair", is_flag=True, help="Repair meshes on reading, and say what was done.")
+@click.option("--strict", is_flag=True, help="Refuse meshes whose faces must be mended to join as a surface.")
 @common
-def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -> None:
+def info(files: tuple[Path, ...], strict: bool, seed: int, device: str | None) -> None:
     """Show versions, devices and the renderer's variant; or the facts of meshes, points, images, textures and stacks."""
     device_or_error(device)
     if not files:
@@ -148,7 +148,7 @@ def info(files: tuple[Path, ...], repair: bool, seed: int, device: str | None) -
         elif suffix in POINT_FILES or (suffix in WRITABLE and holds_points(path)):
             lines = point_facts(path)
         elif suffix in WRITABLE:
-            lines = mesh_facts(path, repair)
+            lines = mesh_facts(path, strict)
         elif is_texture(path):
             lines = texture_facts(path)
         elif suffix in IMAGE_SUFFIXES:

@@ -45,9 +45,9 @@ def system_facts(asked: str | None) -> list[str]:
     ]
 
 
-def mesh_facts(path: Path, repair: bool) -> list[str]:
+def mesh_facts(path: Path, strict: bool) -> list[str]:
     """Return size, bounds, provenance, pieces, borders, sampling and best base of a mesh file."""
-    surface = read_surface(path, repair=repair)
+    surface = read_surface(path, strict=strict)
     used = used_vertices(surface.faces, len(surface.vertices))
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     lines = [

@@ -66,7 +66,7 @@ _SETTINGS = (
 @click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
 @click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
-@click.option("--repair", is_flag=True, help="Merge equal vertices, drop surplus faces, unify winding on reading.")
+@click.option("--strict", is_flag=True, help="Refuse a mesh whose faces must be mended to join as a surface.")
 @click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface, for the report.")
 @click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
 @common
@@ -74,7 +74,7 @@ def complete(
     scan: Path,
     output: Path | None,
     view: tuple[float, ...] | None,
-    repair: bool,
+    strict: bool,
     truth: Path | None,
     report: Path | None,
     **options: Any,
@@ -88,7 +88,7 @@ def complete(
     check_readable(scan)
     if options["holes"] == "list":
         low, high = options["hole_size"] or (0.0, float("inf"))
-        for hole in intaglio.list_holes(intaglio.read_surface(scan, view=view, repair=repair)):
+        for hole in intaglio.list_holes(intaglio.read_surface(scan, view=view, strict=strict)):
             if low <= hole.length <= high:
                 click.echo(hole.describe())
         return
@@ -100,7 +100,7 @@ def complete(
         check_writable(report, inputs=(scan, output))
         known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
-    surface = intaglio.read_surface(scan, view=view, repair=repair)
+    surface = intaglio.read_surface(scan, view=view, strict=strict)
     start = time.perf_counter()
     try:
         whole = _complete(surface, options)

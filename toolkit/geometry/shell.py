@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_count, checked_finite, checked_number, checked_positive, checked_vectors
+from intaglio.checks import checked_arguments, checked_count, checked_finite, checked_number, checked_positive, checked_vectors
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.files import check_readable
 from intaglio.geometry.options import checked_pair
 from intaglio.geometry.point_set import PointSet, axis_number, checked_points, plane_axes
 from intaglio.kernels.shells import Shell
-from intaglio.mesh import load_mesh, vertex_normals
+from intaglio.mesh import read_mesh_file, vertex_normals
 
 
+@checked_arguments
 def wrap_geometry(
     points: PointSet,
     vertices: Array,
@@ -157,15 +156,14 @@ def read_uv_mesh(path: PathLike) -> tuple[Array, Array, Array]:
     InputError
         If it holds no mesh with texture coordinates; `intaglio.parameterize` makes some.
     """
-    path = check_readable(Path(path))
-    mesh = load_mesh(path)
-    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
-    uv = getattr(getattr(mesh, "visual", None), "uv", None)
-    if not len(faces):
+    raw = read_mesh_file(path)
+    if not len(raw.faces):
         raise InputError(f"{path}: holds no triangles")
-    if uv is None or len(uv) != len(mesh.vertices):
-        raise InputError(f"{path}: holds no texture coordinates; lay the mesh flat first (intaglio.parameterize)")
-    return np.asarray(mesh.vertices, np.float64), faces, np.asarray(uv, np.float64)
+    try:
+        vertex, faces, uv = raw.split_at_seams()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return raw.vertices[vertex], faces, uv
 
 
 def _per_corner(uv: Array, faces: Array, count: int) -> Array:

@@ -1,10 +1,12 @@
 """Triangulated surfaces: base shapes, topology, mending, reading and writing."""
 
 from intaglio.mesh.base import Base, BaseFit, Cylinder, Plane, Sphere, face_the_scan, perpendicular, unit
+from intaglio.mesh.mending import equal_places, mend_surface
 from intaglio.mesh.point_cloud import PointFile
 from intaglio.mesh.point_files import POINT_FILES, holds_points, read_point_file
 from intaglio.mesh.points import surface_from_points, surface_from_range_image
-from intaglio.mesh.reading import load_mesh, picture_of, read_surface, vertex_colors
+from intaglio.mesh.raw_mesh import RawMesh, samples_of
+from intaglio.mesh.reading import load_mesh, picture_of, read_mesh_file, read_surface, vertex_colors
 from intaglio.mesh.smooth_base import SmoothBase
 from intaglio.mesh.surface import Surface, vertex_normals
 from intaglio.mesh.topology import (
@@ -32,6 +34,7 @@ __all__ = [
     "Cylinder",
     "Plane",
     "PointFile",
+    "RawMesh",
     "SmoothBase",
     "Sphere",
     "Surface",
@@ -43,19 +46,23 @@ __all__ = [
     "color_fields",
     "directed_edges",
     "edge_keys",
+    "equal_places",
     "face_the_scan",
     "following",
     "grid_faces",
     "holds_points",
     "largest_faces",
     "load_mesh",
+    "mend_surface",
     "opposite_edges",
     "perpendicular",
     "picture_of",
     "pieces",
     "ply_table",
+    "read_mesh_file",
     "read_point_file",
     "read_surface",
+    "samples_of",
     "surface_from_points",
     "surface_from_range_image",
     "unique_edges",

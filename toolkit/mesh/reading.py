@@ -1,62 +1,81 @@
-"""Reading surfaces: PLY, OBJ, STL, OFF, glTF through trimesh; range grids, point clouds, and provenance from PLY."""
+"""Reading surfaces: PLY, OBJ, STL, OFF, glTF; range grids, point clouds, and provenance from PLY."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_flag
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.base import Base, Cylinder, Plane, Sphere
+from intaglio.mesh.gltf_file import picture_of, read_gltf
+from intaglio.mesh.mending import mend_faces
+from intaglio.mesh.obj_file import find_beside, read_obj
+from intaglio.mesh.off_file import read_off
+from intaglio.mesh.ply_file import Lists, Ply, read_ply
+from intaglio.mesh.point_cloud import PointFile
+from intaglio.mesh.point_files import POINT_FILES, read_point_file
 from intaglio.mesh.points import surface_from_points, surface_from_range_image
-from intaglio.mesh.repair import repair_surface
+from intaglio.mesh.polygons import polygon_triangles, strip_triangles
+from intaglio.mesh.raw_mesh import RawMesh
 from intaglio.mesh.smooth_base import SmoothBase
+from intaglio.mesh.stl_file import read_stl
 from intaglio.mesh.surface import Surface
 
-_HEAD = re.compile(rb"^ply\s")
+# PLY's names for the vertices of faces, for texture coordinates at their corners, and for such at vertices.
+_INDEX_NAMES = ("vertex_indices", "vertex_index")
+_UV_NAMES = ("texcoord", "texcoords")
+_VERTEX_UV_NAMES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+_COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 
 
-def read_surface(path: PathLike, *, view: Sequence[float] | None = None, repair: bool = False) -> Surface:
+def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict: bool = False) -> Surface:
     r"""Read a surface from a file.
 
     A PLY written by Intaglio comes back the same: vertices bit for bit, with base, provenance and model. A PLY with a
     ``range_grid`` is triangulated in its own grid. A point cloud (no faces) needs ``view``.
 
+    Faces that do not join as a surface are mended, without moving a vertex: see `mend_surface`. What was done is in the
+    ``notes``, and ``file_vertex`` tells which vertex of the file each one is.
+
     Parameters
     ----------
     path : path
-        The file: .ply, .obj, .stl, .off, .gltf or .glb. Several meshes in one file are joined.
+        The file: .ply, .obj, .stl, .off, .gltf or .glb, or a file of points (.las, .laz, .e57, .xyz, .pts, .ptx, .pcd, .txt, .csv,
+        .asc). Polygons and triangle strips are cut to triangles; several meshes in one file are joined.
     view : (3,) sequence, optional
-        For a point cloud: the direction of sight, from the scanner to the object. For a range grid: where the scanner
+        For a point cloud: the direction of sight, from the scanner to the object; default from the scanner's position, where the
+        file has one. For a range grid: where the scanner
         stood. Default for a range grid: the origin if it is at least twice the points' extent away from them, as in most
         scans, else a place far along +z.
-    repair : bool, optional
-        Merge vertices that lie exactly on one another, drop faces that are degenerate or repeated or share an edge with
-        two others already, and turn faces so that neighbours agree. What was done is added to the ``notes``; coordinates
-        are not changed. Default False: the file is taken as it is.
+    strict : bool, optional
+        Refuse a mesh that would have to be mended. Default False.
 
     Returns
     -------
     Surface
         Vertices as float64 in the file's own unit. Vertex colours, or a texture's colours at the vertices, are decoded to
-        linear values.
+        linear values. Texture coordinates and their picture are kept.
 
     Raises
     ------
     FileError
         If the file is missing, empty, damaged, or its suffix is unknown.
     InputError
-        If its content is not a surface: no vertices, NaN, faces out of range, points without ``view``.
+        If its content is not a surface: no vertices, faces out of range, points without ``view``; with ``strict``, faces that
+        do not join.
 
     See Also
     --------
+    intaglio.mend_surface : The mending alone.
     intaglio.surface_from_points : Triangulate an array of points.
     intaglio.surface_from_range_image : Triangulate a range image.
 
@@ -78,18 +97,288 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, repair:
     array([[0, 1, 2]], dtype=int32)
     """
     path = check_readable(path)
-    reader = _readers.get(path.suffix.lower())
-    if reader is None:
-        raise FileError(f"{path}: unknown mesh type {path.suffix!r}; known: {', '.join(sorted(_readers))}")
+    strict = checked_flag("strict", strict)
+    reader = _reader_of(path)
     try:
-        surface = reader(path, view)
+        if path.suffix.lower() == ".ply":
+            ply = read_ply(path)
+            if "range_grid" in ply.elements:
+                return _from_range_grid(ply, view)
+            if _is_own(ply):
+                return _own_surface(ply, path)
+            return _surface_of(_raw_from_ply(ply, path), view, strict)
+        if reader is None:
+            return _from_points(read_point_file(path), view)
+        return _surface_of(reader(path), view, strict)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    return repair_surface(surface) if repair else surface
+        raise _named(error, path) from error
 
 
-def _read_with_trimesh(path: Path, view: Sequence[float] | None) -> Surface:
-    return _from_trimesh(load_mesh(path), path, view)
+def read_mesh_file(path: PathLike) -> RawMesh:
+    """Return what a mesh file holds, not mended.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, empty, damaged, or its suffix is unknown.
+    InputError
+        If it holds no mesh, or faces name vertices that don't exist.
+    """
+    path = check_readable(path)
+    reader = _reader_of(path)
+    if reader is None:
+        raise FileError(f"{path}: {path.suffix} holds points, no faces; known mesh types: {', '.join(sorted(_readers))}")
+    try:
+        return reader(path)
+    except InputError as error:
+        raise _named(error, path) from error
+
+
+def _named(error: InputError, path: Path) -> InputError:
+    """Return an error whose message begins with the file's name."""
+    return error if str(error).startswith(str(path)) else InputError(f"{path}: {error}")
+
+
+def _reader_of(path: Path) -> Callable[[Path], RawMesh] | None:
+    """Return what reads a mesh file of this type; None for a file of points."""
+    kind = path.suffix.lower()
+    if kind not in _readers and kind not in POINT_FILES:
+        raise FileError(f"{path}: unknown mesh type {path.suffix!r}; known: {', '.join(sorted({*_readers, *POINT_FILES}))}")
+    return _readers.get(kind)
+
+
+def _from_points(found: PointFile, view: Sequence[float] | None) -> Surface:
+    """Return the points of a file as a surface, triangulated as their scanner saw them."""
+    direction = found.sight() if view is None else np.asarray(view, np.float64)
+    if direction is None:
+        where = "several scan positions" if found.viewpoints is not None else "no scan position"
+        raise InputError(
+            f"holds points and {where}; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
+        )
+    surface = surface_from_points(found.points, direction, color=found.color)
+    return replace(surface, notes=found.notes + surface.notes)
+
+
+def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Surface:
+    """Return a file's mesh as a surface, mended; or its points triangulated as seen along ``view``."""
+    if len(raw.vertices) == 0:
+        raise InputError("holds no vertices")
+    color = raw.joined_color()
+    if len(raw.faces) == 0:
+        if view is None:
+            raise InputError(
+                "holds points but no faces; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
+            )
+        return surface_from_points(raw.vertices, np.asarray(view, np.float64), color=color)
+    mending = mend_faces(raw.vertices, raw.faces)
+    if strict and mending.notes:
+        raise InputError(
+            f"its faces don't join as a surface: {'; '.join(mending.notes)}; without --strict (strict=True) it is so mended"
+        )
+    return Surface(
+        vertices=raw.vertices[mending.vertex],
+        faces=mending.faces,
+        color=None if color is None else color[mending.vertex],
+        uv=None if raw.uv is None else raw.uv.reshape(-1, 2)[mending.corner],
+        picture=raw.kept_picture(),
+        file_vertex=mending.vertex if mending.notes else None,
+        notes=raw.notes + tuple(f"mended: {note}" for note in mending.notes),
+    )
+
+
+def _read_raw_ply(path: Path) -> RawMesh:
+    return _raw_from_ply(read_ply(path), path)
+
+
+def _raw_from_ply(ply: Ply, path: Path) -> RawMesh:
+    """Return the vertices, colours, polygons and strips of a PLY."""
+    vertices = ply.columns("vertex", "x", "y", "z")
+    if vertices is None:
+        raise InputError("has no vertices with x, y and z")
+    vertices = np.ascontiguousarray(vertices, np.float64)
+    normals = ply.columns("vertex", "nx", "ny", "nz")
+    polygons = ply.lists("face", *_INDEX_NAMES)
+    notes: list[str] = []
+    faces, uv = np.zeros((0, 3), np.int64), None
+    if polygons is not None:
+        numbers = _vertex_numbers(polygons.values, len(vertices), "face", least=0)
+        corners = polygon_triangles(polygons.counts, numbers, vertices)
+        faces = numbers[corners]
+        uv = _ply_coordinates(ply, polygons, corners, faces)
+        empty = int((polygons.counts < 3).sum())
+        if empty:
+            notes.append(f"{empty} faces of fewer than three corners left out")
+    elif ply.rows.get("face"):
+        raise InputError(f"its faces have no list named {' or '.join(_INDEX_NAMES)}")
+    strips = ply.lists("tristrips", *_INDEX_NAMES)
+    if strips is not None:
+        # Strips end where their list does as well as at -1.
+        at = np.cumsum(strips.counts)[:-1]
+        numbers = _vertex_numbers(np.insert(strips.values.astype(np.int64), at, -1), len(vertices), "strip", least=-1)
+        more = strip_triangles(numbers)
+        uv = None if uv is None else np.concatenate([uv, np.full((len(more), 3, 2), np.nan)])
+        faces = np.concatenate([faces, more])
+    pictures = []
+    if uv is not None:
+        named = [c.split(None, 1)[1] for c in ply.comments if c.lower().startswith("texturefile ")]
+        found = [find_beside(path.parent, name) for name in named]
+        pictures = [picture for picture in found if picture is not None]
+        if len(pictures) < max(len(named), 1):
+            missing = ", ".join(name for name, at in zip(named, found, strict=True) if at is None)
+            notes.append(
+                f"the mesh has texture coordinates but no picture{f': {missing} not found' if missing else ''}; it is read without "
+                "its colours"
+            )
+    shown = None
+    if len(pictures) > 1:
+        number = ply.columns("face", "texnumber")
+        if number is not None and polygons is not None:
+            shown = np.full(len(faces), -1)
+            kept = np.repeat(np.arange(len(polygons.counts)), polygons.counts)[corners[:, 0]]
+            shown[: len(kept)] = number[kept, 0]
+    return RawMesh(
+        vertices=vertices,
+        faces=faces,
+        normals=None if normals is None else np.ascontiguousarray(normals, np.float64),
+        color=_ply_colors(ply),
+        uv=uv,
+        pictures=tuple(pictures),
+        picture=shown,
+        notes=tuple(notes),
+    )
+
+
+def _vertex_numbers(values: Array, count: int, what: str, least: int) -> Array:
+    """Return vertex numbers as int64, or raise `InputError` for those that don't exist."""
+    if values.dtype.kind == "f":
+        raise InputError(f"its {what}s name vertices by fractional numbers")
+    numbers = values.astype(np.int64)
+    if numbers.size and (numbers.min() < least or numbers.max() >= count):
+        bad = int(numbers[(numbers < least) | (numbers >= count)][0])
+        raise InputError(f"a {what} names vertex {bad}, but there are only {count} (0 to {count - 1})")
+    return numbers
+
+
+def _ply_coordinates(ply: Ply, polygons: Lists, corners: Array, faces: Array) -> Array | None:
+    """Return texture coordinates (F, 3, 2) of the faces' corners, from lists at the faces or numbers at the vertices."""
+    lists = ply.lists("face", *_UV_NAMES)
+    if lists is not None:
+        whole = lists.counts == 2 * polygons.counts
+        uv = np.full((len(polygons.values), 2), np.nan)
+        uv[np.repeat(whole, polygons.counts)] = lists.values[np.repeat(whole, lists.counts)].reshape(-1, 2)
+        return np.asarray(uv[corners])
+    for names in _VERTEX_UV_NAMES:
+        at_vertices = ply.columns("vertex", *names)
+        if at_vertices is not None:
+            return np.asarray(at_vertices[faces], np.float64)
+    return None
+
+
+def _ply_colors(ply: Ply) -> Array | None:
+    """Return the vertices' linear colours, or those of the faces about them."""
+    for element in ("vertex", "face"):
+        for names in _COLOR_NAMES:
+            values = ply.columns(element, *names)
+            if values is not None and element == "vertex":
+                return _linear(values, element)
+            polygons = ply.lists("face", *_INDEX_NAMES)
+            if values is not None and polygons is not None and len(values):
+                at = np.repeat(np.arange(len(values)), polygons.counts)
+                linear = _linear(values, element)
+                count = np.bincount(polygons.values, minlength=ply.rows["vertex"])
+                sums = [np.bincount(polygons.values, linear[at, c], ply.rows["vertex"]) for c in range(3)]
+                return np.asarray(np.stack(sums, axis=1) / np.maximum(count, 1)[:, None], np.float32)
+    return None
+
+
+def _linear(values: Array, element: str) -> Array:
+    """Return stored colours, encoded by sRGB in integers or from 0 to 1, as linear ones."""
+    if values.dtype.kind == "f":
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if len(bad):
+            raise InputError(
+                f"{len(bad)} {'vertices' if element == 'vertex' else 'faces'} have a colour that is not finite, the first is "
+                f"{element} {bad[0]}: leave these out, or the colours"
+            )
+        return decode_srgb(np.clip(values / (255.0 if values.max(initial=0) > 1 else 1.0), 0, 1).astype(np.float32))
+    return decode_srgb(np.clip(values, 0, None).astype(np.float32) / np.float32(np.iinfo(values.dtype).max))
+
+
+def _is_own(ply: Ply) -> bool:
+    """Tell whether a PLY was written by `write_surface`."""
+    return {"base_x", "measured", "source"} <= set(ply.elements.get("vertex", {})) and any("intaglio" in c for c in ply.comments)
+
+
+def _own_surface(ply: Ply, path: Path) -> Surface:
+    """Return the surface of a PLY that Intaglio wrote, with its base and provenance."""
+
+    def columns(*fields: str) -> Array:
+        found = ply.columns("vertex", *fields)
+        if found is None:
+            raise InputError(f"Intaglio's own properties in it are damaged: {', '.join(fields)} are not all there")
+        return found
+
+    raw = _raw_from_ply(ply, path)
+    names = ply.elements["vertex"]
+    optional = {n: columns(n)[:, 0] for n in ("rotation", "error", "file_vertex") if n in names}
+    foot, normals = columns("base_x", "base_y", "base_z"), columns("nx", "ny", "nz")
+    try:
+        model = _model_from(list(ply.comments), foot, normals, raw.faces)
+        notes = tuple(str(json.loads(c[len("note ") :])) for c in ply.comments if c.startswith("note "))
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise InputError(f"Intaglio's own comments in it are damaged ({type(error).__name__}: {error})") from error
+    return Surface(
+        vertices=raw.vertices,
+        faces=raw.faces,
+        base=foot,
+        normal=normals,
+        color=columns("linear_red", "linear_green", "linear_blue") if "linear_red" in names else None,
+        measured=columns("measured")[:, 0].astype(bool),
+        source=columns("source")[:, 0],
+        model=model,
+        uv=raw.uv,
+        picture=raw.kept_picture(),
+        notes=notes,
+        **optional,
+    )
+
+
+def _from_range_grid(ply: Ply, view: Sequence[float] | None) -> Surface:
+    """Return the surface of a PLY range grid: one list per cell, empty or with the index of the vertex seen there."""
+    try:
+        columns, rows = int(ply.info["num_cols"]), int(ply.info["num_rows"])
+    except (KeyError, ValueError) as error:
+        raise InputError("has a range_grid but does not say num_cols and num_rows in its header") from error
+    if columns < 1 or rows < 1:
+        raise InputError(f"its range_grid has {columns} columns and {rows} rows; both must be positive")
+    if rows * columns != ply.rows["range_grid"]:
+        raise InputError(f"its range_grid has {ply.rows['range_grid']} cells, but its header says {columns} x {rows}")
+    vertices = ply.columns("vertex", "x", "y", "z")
+    lists = next((value for value in ply.elements["range_grid"].values() if isinstance(value, Lists)), None)
+    if vertices is None or len(vertices) == 0 or lists is None:
+        raise InputError("has a range_grid, but no vertices with x, y and z, or no lists of them in its cells")
+    vertices = np.ascontiguousarray(vertices, np.float64)
+    index = np.full(rows * columns, -1, np.int64)
+    seen = lists.counts > 0
+    index[seen] = _vertex_numbers(lists.values, len(vertices), "range_grid", least=-1)[np.cumsum(lists.counts)[seen] - 1]
+    points = np.full((rows * columns, 3), np.nan)
+    points[index >= 0] = vertices[index[index >= 0]]
+    if view is None:
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+        inside = bool(((low <= 0) & (high >= 0)).all())
+        stood = middle + (0.0, 0.0, 10.0 * size) if inside or np.linalg.norm(middle) < 2 * size else np.zeros(3)
+    else:
+        stood = np.asarray(view, np.float64)
+    colors = _ply_colors(ply)
+    color = None
+    if colors is not None:
+        cells = np.zeros((rows * columns, 3), np.float32)
+        cells[index >= 0] = colors[index[index >= 0]]
+        color = cells.reshape(rows, columns, 3)
+    return surface_from_range_image(points.reshape(rows, columns, 3), view=stood, color=color)
 
 
 def load_mesh(path: Path) -> Any:
@@ -111,52 +400,6 @@ def load_mesh(path: Path) -> Any:
     return loaded
 
 
-def _from_trimesh(mesh: Any, path: Path, view: Sequence[float] | None) -> Surface:
-    vertices = getattr(mesh, "vertices", None)
-    if vertices is None or len(vertices) == 0:
-        raise InputError("holds no vertices")
-    vertices = np.array(vertices, np.float64)
-    faces = np.array(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
-    color = vertex_colors(mesh, len(vertices))
-    if len(faces) == 0:
-        if view is None:
-            raise InputError(
-                "holds points but no faces; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
-            )
-        return surface_from_points(vertices, np.asarray(view, np.float64), color=color)
-    return Surface(vertices=vertices, faces=faces, color=color, notes=_missing_texture(mesh, path))
-
-
-def picture_of(visual: Any) -> Any:
-    """Return the picture of a textured mesh's material, or None."""
-    material = getattr(visual, "material", None)
-    return getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-
-
-def _missing_texture(mesh: Any, path: Path) -> tuple[str, ...]:
-    """Return a note about a textured mesh whose picture was not found, with the name of the missing file if it is known."""
-    visual = getattr(mesh, "visual", None)
-    if getattr(visual, "kind", None) != "texture" or getattr(visual, "uv", None) is None or picture_of(visual) is not None:
-        return ()
-    missing = []
-    if path.suffix.lower() == ".obj":
-        named = _named_files(path, "mtllib")
-        missing = [n for n in named if not (path.parent / n).exists()]
-        for library in named:
-            if library not in missing:
-                pictures = _named_files(path.parent / library, "map_Kd")
-                missing += [n for n in pictures if not (path.parent / library).parent.joinpath(n).exists()]
-    what = f": {', '.join(missing)} not found" if missing else ""
-    return (f"the mesh has texture coordinates but no picture{what}; it is read without colours",)
-
-
-def _named_files(path: Path, keyword: str) -> list[str]:
-    """Return the names of files in those lines of a text file that begin with ``keyword``."""
-    with open(path, encoding="utf-8", errors="replace") as file:
-        lines = [line.split(maxsplit=1) for line in file if line.lower().startswith(keyword.lower())]
-    return [words[1].strip().replace("\\", "/") for words in lines if len(words) == 2]
-
-
 def vertex_colors(mesh: Any, count: int) -> Array | None:
     """Return the vertex colours as linear floats, if the mesh has colours; a texture is sampled at the vertices."""
     visual: Any = getattr(mesh, "visual", None)
@@ -175,157 +418,6 @@ def vertex_colors(mesh: Any, count: int) -> Array | None:
     return decode_srgb(colors[:, :3].astype(np.float32) / 255.0)
 
 
-def _read_stl(path: Path, view: Sequence[float] | None) -> Surface:
-    """Read an STL file, whose triangles share no vertices: equal ones are joined, as the format intends."""
-    surface = _read_with_trimesh(path, view)
-    vertices, first, inverse = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    return Surface(vertices=vertices[order], faces=rank[inverse.reshape(-1)][surface.faces])
-
-
-def _read_ply(path: Path, view: Sequence[float] | None) -> Surface:
-    comments = _ply_comments(path)
-    mesh = load_mesh(path)
-    raw = mesh.metadata.get("_ply_raw", {})
-    vertex = raw.get("vertex", {}).get("data")
-    if "range_grid" in raw:
-        return _from_range_grid(mesh, raw["range_grid"], path, view)
-    _check_counts(mesh, raw)
-    _check_colors(vertex)
-    names = set(_field_names(vertex))
-    if not {"base_x", "measured", "source"} <= names or not any("intaglio" in c for c in comments):
-        return _from_trimesh(mesh, path, view)
-    try:
-        return _own_surface(mesh, vertex, names, comments)
-    except InputError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"Intaglio's own properties in it are damaged ({type(error).__name__}: {error})") from error
-
-
-def _check_colors(vertex: Any) -> None:
-    """Raise `InputError` for colours that are not finite: converted to bytes they would silently turn black."""
-    for name in ("red", "green", "blue"):
-        if name in _field_names(vertex):
-            values = np.asarray(vertex[name]).reshape(-1)
-            if values.dtype.kind == "f" and not np.isfinite(values).all():
-                bad = np.flatnonzero(~np.isfinite(values))
-                raise InputError(
-                    f"{len(bad)} vertices have a {name} that is not finite, the first is vertex {bad[0]}: leave these vertices "
-                    "out, or the colours"
-                )
-
-
-def _check_counts(mesh: Any, raw: dict[str, Any]) -> None:
-    """Raise `InputError` if the file holds fewer elements than its header declares."""
-    for name, found in (("vertex", len(getattr(mesh, "vertices", ()))), ("face", len(getattr(mesh, "faces", ())))):
-        promised = raw.get(name, {}).get("length", 0)
-        if found < promised:
-            raise InputError(f"its header declares {promised} {name} entries, but it holds {found}: the file is cut off")
-
-
-def _own_surface(mesh: Any, vertex: Any, names: set[str], comments: list[str]) -> Surface:
-    """Return the surface of a PLY that Intaglio wrote, with its base and provenance."""
-
-    def columns(*fields: str) -> Array:
-        return np.stack([np.asarray(vertex[f]).reshape(-1) for f in fields], axis=1)
-
-    optional = {n: np.asarray(vertex[n]).reshape(-1) for n in ("rotation", "error") if n in names}
-    has_color = "linear_red" in names
-    foot, normals = columns("base_x", "base_y", "base_z"), columns("nx", "ny", "nz")
-    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3), int)))
-    return Surface(
-        vertices=columns("x", "y", "z"),
-        faces=faces,
-        base=foot,
-        normal=normals,
-        color=columns("linear_red", "linear_green", "linear_blue") if has_color else None,
-        measured=np.asarray(vertex["measured"]).reshape(-1).astype(bool),
-        source=np.asarray(vertex["source"]).reshape(-1),
-        model=_model_from(comments, foot, normals, faces),
-        notes=tuple(json.loads(c[len("note ") :]) for c in comments if c.startswith("note ")),
-        **optional,
-    )
-
-
-def _field_names(data: Any) -> tuple[str, ...]:
-    if data is None:
-        return ()
-    if isinstance(data, dict):
-        return tuple(data)
-    return tuple(data.dtype.names or ())
-
-
-def _ply_comments(path: Path) -> list[str]:
-    comments: list[str] = []
-    with open(path, "rb") as file:
-        if not _HEAD.match(file.read(4)):
-            raise FileError(f"{path}: is named .ply, but its content is not PLY")
-        for line in file:
-            if line.startswith(b"end_header"):
-                return comments
-            if line.startswith(b"comment "):
-                comments.append(line[len(b"comment ") :].decode("utf-8", "replace").strip())
-    raise FileError(f"{path}: its header has no end_header line")
-
-
-def _from_range_grid(mesh: Any, grid: dict[str, Any], path: Path, view: Sequence[float] | None) -> Surface:
-    """Return the surface of a PLY range grid: one list per cell, empty or with the index of the vertex seen there."""
-    header = _ply_header(path)
-    try:
-        columns, rows = int(header["num_cols"]), int(header["num_rows"])
-    except (KeyError, ValueError) as error:
-        raise InputError("has a range_grid but does not say num_cols and num_rows in its header") from error
-    if columns < 1 or rows < 1:
-        raise InputError(f"its range_grid has {columns} columns and {rows} rows; both must be positive")
-    vertices = np.asarray(mesh.vertices, np.float64)
-    index = _grid_indices(grid["data"], rows * columns)
-    if index.max(initial=-1) >= len(vertices) or index.min(initial=-1) < -1:
-        raise InputError(f"its range_grid names vertices {index.min()} to {index.max()}, but there are only {len(vertices)}")
-    colors = vertex_colors(mesh, len(vertices))
-    points = np.full((rows * columns, 3), np.nan)
-    points[index >= 0] = vertices[index[index >= 0]]
-    if view is None:
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
-        inside = bool(((low <= 0) & (high >= 0)).all())
-        stood = middle + (0.0, 0.0, 10.0 * size) if inside or np.linalg.norm(middle) < 2 * size else np.zeros(3)
-    else:
-        stood = np.asarray(view, np.float64)
-    color = None
-    if colors is not None:
-        cells = np.zeros((rows * columns, 3), np.float32)
-        cells[index >= 0] = colors[index[index >= 0]]
-        color = cells.reshape(rows, columns, 3)
-    return surface_from_range_image(points.reshape(rows, columns, 3), view=stood, color=color)
-
-
-def _ply_header(path: Path) -> dict[str, str]:
-    found = {}
-    with open(path, "rb") as file:
-        for line in file:
-            if line.startswith(b"end_header"):
-                break
-            words = line.decode("latin-1").split()
-            if len(words) == 3 and words[0] == "obj_info":
-                found[words[1]] = words[2]
-    return found
-
-
-def _grid_indices(data: Any, cells: int) -> Array:
-    lists = next(iter(data.values())) if isinstance(data, dict) else data
-    index = np.full(cells, -1, np.int64)
-    if len(lists) != cells:
-        raise InputError(f"its range_grid has {len(lists)} cells, but its header declares {cells}")
-    for cell, entry in enumerate(lists):
-        values = np.asarray(entry).reshape(-1)
-        if len(values):
-            index[cell] = int(values[-1])
-    return index
-
-
 def _model_from(comments: list[str], foot: Array, normals: Array, faces: Array) -> Base | None:
     kinds: dict[str, Callable[..., Base]] = {"plane": Plane, "cylinder": Cylinder, "sphere": Sphere}
     for comment in comments:
@@ -337,11 +429,11 @@ def _model_from(comments: list[str], foot: Array, normals: Array, faces: Array) 
     return None
 
 
-_readers: dict[str, Callable[[Path, Sequence[float] | None], Surface]] = {
-    ".ply": _read_ply,
-    ".stl": _read_stl,
-    ".obj": _read_with_trimesh,
-    ".off": _read_with_trimesh,
-    ".gltf": _read_with_trimesh,
-    ".glb": _read_with_trimesh,
+_readers: dict[str, Callable[[Path], RawMesh]] = {
+    ".ply": _read_raw_ply,
+    ".stl": read_stl,
+    ".obj": read_obj,
+    ".off": read_off,
+    ".gltf": read_gltf,
+    ".glb": read_gltf,
 }

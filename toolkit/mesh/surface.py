@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_numeric, checked_rows
+from intaglio.checks import check_fields, checked_arguments, checked_faces, checked_numeric, checked_rows, checked_shape
 from intaglio.errors import InputError
 from intaglio.mesh.writing import write_surface
 
 if TYPE_CHECKING:
     from intaglio.mesh.base import Base
+
+# Arrays with a row per vertex that are carried along as they are when vertices are chosen.
+PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "error")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +49,13 @@ class Surface:
         infinite where no sample could be compared and a neighbour's relief was taken. Default None: nothing was matched.
     model : Base or None, optional
         The base shape. Default None: there is none yet.
+    uv : (F, 3, 2) float64 array or None, optional
+        Texture coordinates of every corner of the faces, v upwards; NaN where a face has none. Default None.
+    picture : bytes or None, optional
+        Content of the image file (PNG, JPEG) that ``uv`` refers to. Default None.
+    file_vertex : (N,) int32 array or None, optional
+        The vertex, from 0, of the file that the surface was read from; -1 for one that was filled. Default None: the same
+        number.
     notes : tuple of str, optional
         What was chosen on the way, as sentences for the user. Default none.
 
@@ -90,16 +100,20 @@ class Surface:
     rotation: Array | None = None
     error: Array | None = None
     model: Base | None = None
+    uv: Array | None = None
+    picture: bytes | None = None
+    file_vertex: Array | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         def put(name: str, value: Array) -> None:
             object.__setattr__(self, name, value)
 
+        check_fields(self)
         vertices = checked_rows("vertices", self.vertices, np.float64)
         count = len(vertices)
         put("vertices", vertices)
-        put("faces", _faces(self.faces, count))
+        put("faces", checked_faces("faces", self.faces, count))
         put("base", vertices if self.base is None else checked_rows("base", self.base, np.float64, count))
         if self.normal is None:
             put("normal", vertex_normals(vertices, self.faces))
@@ -107,7 +121,7 @@ class Surface:
             put("normal", checked_rows("normal", self.normal, np.float64, count))
         if self.color is not None:
             put("color", checked_rows("color", self.color, np.float32, count))
-        measured = np.ones(count, bool) if self.measured is None else np.asarray(self.measured)
+        measured = np.ones(count, bool) if self.measured is None else self.measured
         if measured.dtype.kind not in "bui":
             raise InputError(f"measured must be bool, not {measured.dtype}")
         if measured.shape != (count,):
@@ -115,14 +129,16 @@ class Surface:
         put("measured", measured.astype(bool))
         if self.source is None:
             put("source", np.where(self.measured, np.arange(count), -1).astype(np.int32))
-        for name, dtype in (("source", np.int32), ("rotation", np.float32), ("error", np.float32)):
+        for name, dtype in (("source", np.int32), ("rotation", np.float32), ("error", np.float32), ("file_vertex", np.int32)):
             value = getattr(self, name)
             if value is None:
                 continue
-            value = checked_numeric(name, value, dtype)
-            if value.shape != (count,):
-                raise InputError(f"{name} must have shape ({count},), not {value.shape}")
-            put(name, value)
+            put(name, checked_shape(name, value, dtype, (count,)))
+        if self.uv is not None:
+            uv = checked_numeric("uv", self.uv, np.float64)
+            if uv.shape != (len(self.faces), 3, 2):
+                raise InputError(f"uv must have shape ({len(self.faces)}, 3, 2), two numbers for every corner, not {uv.shape}")
+            put("uv", uv)
         if count and not (self.source.min() >= -1 and self.source.max() < count):
             raise InputError(f"source must hold vertex numbers from 0 to {count - 1}, or -1; it holds {self.source.max()}")
 
@@ -171,6 +187,7 @@ class Surface:
         """
         return np.einsum("ij,ij->i", self.displacement, self.normal)
 
+    @checked_arguments
     def write(self, path: PathLike, *, overwrite: bool = True) -> None:
         """Write the surface to a file; PLY keeps its base and provenance.
 
@@ -206,6 +223,7 @@ class Surface:
         """
         write_surface(self, path, overwrite=overwrite)
 
+    @checked_arguments
     def part(self, keep: Array) -> Surface:
         """Return the part of the surface that consists of selected vertices.
 
@@ -236,23 +254,19 @@ class Surface:
         >>> half.faces
         array([[0, 1, 2]], dtype=int32)
         """
-        keep = np.asarray(keep)
         if keep.shape != (len(self.vertices),) or keep.dtype != bool:
             raise InputError(f"keep must be a bool array of shape ({len(self.vertices)},), not {keep.dtype} {keep.shape}")
         renumber = np.where(keep, np.cumsum(keep) - 1, -1).astype(np.int32)
+        whole = keep[self.faces].all(axis=1)
         source = self.source[keep]
-        return Surface(
-            vertices=self.vertices[keep],
-            faces=renumber[self.faces[keep[self.faces].all(axis=1)]],
-            base=self.base[keep],
-            normal=self.normal[keep],
-            color=None if self.color is None else self.color[keep],
-            measured=self.measured[keep],
+        fields = {name: value[keep] for name in PER_VERTEX if (value := getattr(self, name)) is not None}
+        return replace(
+            self,
+            **fields,
+            faces=renumber[self.faces[whole]],
             source=np.where(source >= 0, renumber[source], -1),
-            rotation=None if self.rotation is None else self.rotation[keep],
-            error=None if self.error is None else self.error[keep],
-            model=self.model,
-            notes=self.notes,
+            uv=None if self.uv is None else self.uv[whole],
+            file_vertex=(np.arange(len(keep)) if self.file_vertex is None else self.file_vertex)[keep],
         )
 
 
@@ -266,18 +280,3 @@ def vertex_normals(vertices: Array, faces: Array) -> Array:
         normal[:, axis] = np.bincount(faces.reshape(-1), np.repeat(area[:, axis], 3), len(vertices))
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.where(length > 0, normal / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
-
-
-def _faces(value: Array, count: int) -> Array:
-    try:
-        array = np.asarray(value)
-    except ValueError as problem:
-        raise InputError(f"faces are not an (F, 3) array of integers ({problem})") from problem
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(f"faces must have shape (F, 3), not {array.shape}; polygons with more corners must be triangulated")
-    if array.size and not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"faces must be integers, not {array.dtype}")
-    if array.size and (array.min() < 0 or array.max() >= count):
-        row = int(np.flatnonzero(((array < 0) | (array >= count)).any(axis=1))[0])
-        raise InputError(f"face {row} names vertices {array[row].tolist()}, but there are only {count} (0 to {count - 1})")
-    return np.ascontiguousarray(array, np.int32)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.errors import FileError
-from intaglio.files import check_readable
+from intaglio.errors import FileError, InputError
+from intaglio.mesh import read_mesh_file
 from intaglio.photometric.light_positions import unit_directions
 from intaglio.photometric.relightable import Relightable
 from intaglio.render import frame, relightable_bsdf, relit
@@ -36,25 +36,17 @@ def read_textured_mesh(path: PathLike) -> tuple[Array, Array, Array]:
     FileError
         If the file is missing, damaged, or has no texture coordinates.
     """
-    import trimesh
-
-    path = check_readable(path)
+    raw = read_mesh_file(path)
     try:
-        mesh = trimesh.load(path, force="mesh", process=False)
-    except Exception as error:
-        raise FileError(f"{path}: can't be read as a mesh ({error})") from error
-    uv = getattr(getattr(mesh, "visual", None), "uv", None)
-    if uv is None or len(uv) != len(mesh.vertices) or len(mesh.faces) == 0:
-        raise FileError(
-            f"{path}: has no faces with texture coordinates; parameterize it first, or give an OBJ or glTF that has them"
-        )
-    vertices, faces, uv = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces), np.asarray(uv, np.float64)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise FileError(f"{path}: has faces with vertex numbers that are not from 0 to {len(vertices) - 1}")
+        vertex, faces, uv = raw.split_at_seams()
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from error
+    vertices = raw.vertices[vertex]
     for what, values, most in (("vertices", vertices, 1e15), ("texture coordinates", uv, 1e6)):
         if not (np.abs(values) <= most).all():
             raise FileError(f"{path}: has {what} that are not finite, or larger than {most:g}")
-    if not np.ptp(vertices[faces].reshape(-1, 3), axis=0).max() > 0 or not mesh.area > 0:
+    corners = vertices[faces]
+    if not np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any():
         raise FileError(f"{path}: its faces have no area")
     return vertices, faces, uv
 

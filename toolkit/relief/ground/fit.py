@@ -9,8 +9,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from intaglio.arrays import Array
+from intaglio.checks import checked_arguments, checked_numeric, shown
 from intaglio.errors import FitError, InputError
-from intaglio.mesh import Base, BaseFit, Cylinder, Plane, Sphere, perpendicular, unit
+from intaglio.mesh import Base, BaseFit, Cylinder, Plane, Sphere, Surface, perpendicular, unit
 
 KINDS = ("plane", "cylinder", "sphere")
 
@@ -25,7 +26,8 @@ _POOR = 0.04
 _FIT_POINTS = 6_000
 
 
-def fit_base(points: Array, kinds: Sequence[str] = KINDS) -> Base:
+@checked_arguments
+def fit_base(points: Array | Surface, kinds: Sequence[str] = KINDS) -> Base:
     """Fit the base shape that explains points best.
 
     Every kind is fitted by least squares of the orthogonal (geometric) distances under a robust loss (Cauchy, scaled by
@@ -73,11 +75,12 @@ def fit_base(points: Array, kinds: Sequence[str] = KINDS) -> Base:
     >>> base.fit.ambiguous
     False
     """
-    points = _checked(getattr(points, "vertices", points))
+    points = _checked(points.vertices if isinstance(points, Surface) else points)
     kinds = (kinds,) if isinstance(kinds, str) else tuple(kinds)
     unknown = [k for k in kinds if k not in KINDS]
     if unknown or not kinds:
-        raise InputError(f"unknown base kind {unknown[0]!r}; known: {', '.join(KINDS)}" if unknown else "no base kind is given")
+        what = f"name an unknown base, {shown(unknown[0])}" if unknown else "name no base"
+        raise InputError(f"kinds {what}; known: {', '.join(KINDS)}")
     center = points.mean(axis=0)
     size = float(np.sqrt(((points - center) ** 2).sum(axis=1).mean()))
     # The fits run on coordinates of unit size at the origin, since large survey coordinates would cost precision.
@@ -125,15 +128,12 @@ def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
 
 
 def _checked(points: Array) -> Array:
-    try:
-        points = np.asarray(points, np.float64)
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"points are not an (N, 3) array of numbers ({problem})") from problem
+    points = checked_numeric("points", points, np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), not {points.shape}")
     if not np.isfinite(points).all():
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InputError(f"point {bad} is not finite: {points[bad]}")
+        raise InputError(f"points must be finite, point {bad} is {points[bad]}")
     if len(points) < 6:
         raise FitError(f"{len(points)} points are too few to fit a base; at least 6 are needed")
     if not 1e-100 < np.ptp(points, axis=0).max() < 1e100 and np.ptp(points, axis=0).max() > 0:

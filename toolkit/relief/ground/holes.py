@@ -10,6 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields
 from intaglio.errors import InputError
 from intaglio.mesh import directed_edges, following, opposite_edges
 
@@ -67,6 +68,9 @@ class Hole:
     center: Array
     piece: int
     outer: bool
+
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
     def describe(self) -> str:
         """Return one line of text about the hole.

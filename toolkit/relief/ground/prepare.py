@@ -134,7 +134,7 @@ def prepare_ground(
     """
     options = GroundOptions() if options is None else options
     vertices, faces = surface.vertices, surface.faces
-    check_scan(vertices, faces)
+    check_scan(surface)
     if options.relief_scale is not None:
         options = replace(options, relief_scale=checked_positive("relief_scale", options.relief_scale))
     notes: list[str] = []

@@ -5,8 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import checked_arguments
 from intaglio.errors import FitError, InputError
-from intaglio.mesh import Base, Cylinder, Plane, Sphere, Surface, border_edges, directed_edges, edge_keys, pieces, used_vertices
+from intaglio.mesh import (
+    Base,
+    Cylinder,
+    Plane,
+    Sphere,
+    Surface,
+    border_edges,
+    directed_edges,
+    edge_keys,
+    equal_places,
+    pieces,
+    used_vertices,
+)
 from intaglio.relief.ground.fit import KINDS, fit_base
 from intaglio.relief.ground.holes import Hole, find_holes
 
@@ -18,15 +31,16 @@ _MOST_SHAPE = 0.5
 _SMALLEST_PIECE = 50
 
 
-def check_scan(vertices: Array, faces: Array) -> None:
+def check_scan(surface: Surface) -> None:
     """Raise `InputError` for a mesh whose relief can't be completed, saying what is wrong and what would be right."""
-    check_faces(vertices, faces)
-    if len(border_edges(faces)) == 0:
+    check_faces(surface)
+    if len(border_edges(surface.faces)) == 0:
         raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
 
 
-def check_faces(vertices: Array, faces: Array) -> None:
+def check_faces(surface: Surface) -> None:
     """Raise `InputError` for faces that don't fit together, saying what is wrong and what would be right."""
+    vertices, faces = surface.vertices, surface.faces
     if len(vertices) == 0 or len(faces) == 0:
         raise InputError(f"the surface is empty: {len(vertices)} vertices, {len(faces)} faces")
     corners = vertices[faces]
@@ -34,7 +48,7 @@ def check_faces(vertices: Array, faces: Array) -> None:
     if repeated.any():
         raise InputError(
             f"{repeated.sum()} faces name one vertex twice, the first is face {np.flatnonzero(repeated)[0]}; "
-            "repair it (read_surface(path, repair=True), --repair) to drop them"
+            "intaglio.mend_surface(surface) leaves them out"
         )
     keys = edge_keys(directed_edges(faces), len(vertices))
     unique, counts = np.unique(keys, return_counts=True)
@@ -43,18 +57,18 @@ def check_faces(vertices: Array, faces: Array) -> None:
         raise InputError(
             f"{(counts > 1).sum()} edges are traversed twice in the same direction, the first from vertex {a} to {b}: "
             "neighbouring faces wind in opposite directions, or more than two share an edge; "
-            "repair it (read_surface(path, repair=True), --repair) to turn and thin them"
+            "intaglio.mend_surface(surface) turns them and cuts them apart"
         )
-    used = np.flatnonzero(used_vertices(faces, len(vertices)))
-    order = np.lexsort(vertices[used].T)
-    same = (np.diff(vertices[used][order], axis=0) == 0).all(axis=1)
-    if same.any():
-        first = int(np.flatnonzero(same)[0])
-        raise InputError(
-            f"{same.sum()} vertices lie exactly on another one, the first are {used[order[first]]} and "
-            f"{used[order[first + 1]]}: faces that should be joined are not; repair it to merge them "
-            "(read_surface(path, repair=True), --repair)"
-        )
+    # What has been mended may have vertices in one place, where sheets touch that don't join.
+    if surface.file_vertex is None:
+        border = border_edges(faces)
+        place = equal_places(vertices)[border]
+        joinable = int(np.isin(edge_keys(place, len(vertices)), edge_keys(place[:, ::-1], len(vertices))).sum()) // 2
+        if joinable:
+            raise InputError(
+                f"{joinable} pairs of border edges lie exactly on one another: faces that should be joined are not; "
+                "intaglio.mend_surface(surface) joins them"
+            )
     if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
         raise InputError("all faces have area zero: the surface is a line or a point")
 
@@ -94,7 +108,7 @@ def list_holes(surface: Surface) -> list[Hole]:
     """
     if not isinstance(surface, Surface):
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
-    check_faces(surface.vertices, surface.faces)
+    check_faces(surface)
     kept, faces, _ = pieces_on_base(None, surface.vertices, surface.faces)
     return find_holes(surface.vertices[kept], faces)
 

@@ -1,0 +1,130 @@
+"""What a mesh file holds, before it is mended to a surface: triangles, colours, texture coordinates and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from intaglio.arrays import Array
+from intaglio.errors import InputError
+from intaglio.files import check_readable, read_samples
+from intaglio.kernels.transfer import decode_srgb
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawMesh:
+    """Content of a mesh file.
+
+    Attributes
+    ----------
+    vertices : (N, 3) float64 array
+        Positions, numbered as in the file.
+    faces : (F, 3) int64 array
+        Triangles; polygons have been cut.
+    normals : (N, 3) float64 array or None
+        Normals of the vertices, of any length.
+    color : (N, 3) float32 array or None
+        Linear colours.
+    uv : (F, 3, 2) float64 array or None
+        Texture coordinates of the corners, v upwards; NaN where a face has none.
+    pictures : tuple of path or bytes
+        Image files that ``uv`` refers to: where they lie, or what they hold.
+    picture : (F,) int array or None
+        Number of every face's picture, -1 for none. None: the first for all.
+    notes : tuple of str
+        What of the file was left out or chosen.
+    """
+
+    vertices: Array
+    faces: Array
+    normals: Array | None = None
+    color: Array | None = None
+    uv: Array | None = None
+    pictures: tuple[Path | bytes, ...] = ()
+    picture: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    def joined_color(self) -> Array | None:
+        """Return the colours (N, 3), linear, of the vertices: their own, else the pictures' where they lie in them."""
+        if self.color is not None or self.uv is None or not self.pictures:
+            return self.color
+        color = np.zeros((len(self.vertices), 3), np.float32)
+        for number, picture in enumerate(self.pictures):
+            own = np.ones(len(self.faces), bool) if self.picture is None else self.picture == number
+            own &= np.isfinite(self.uv).all(axis=(1, 2))
+            if own.any():
+                image = samples_of(picture)
+                # Of a vertex's places on several charts the first is taken, which the last of the reversed writes is.
+                corner, at = self.faces[own].reshape(-1)[::-1], self.uv[own].reshape(-1, 2)[::-1]
+                color[corner] = _nearest(image, at)
+        return color
+
+    def split_at_seams(self) -> tuple[Array, Array, Array]:
+        """Return the mesh with one place in the texture per vertex, for what knows no others.
+
+        Returns
+        -------
+        vertex : (M,) int array
+            The file's vertex that every vertex is.
+        faces : (F', 3) int64 array
+            The faces that have texture coordinates, over these.
+        uv : (M, 2) float64 array
+            Texture coordinates, v upwards.
+
+        Raises
+        ------
+        InputError
+            If no face has texture coordinates.
+        """
+        whole = np.zeros(len(self.faces), bool) if self.uv is None else np.isfinite(self.uv).all(axis=(1, 2))
+        if self.uv is None or not whole.any():
+            raise InputError("has no faces with texture coordinates; lay the mesh flat first (intaglio.parameterize)")
+        corners = self.faces[whole].reshape(-1)
+        # Zero is added to make one of the two zeros.
+        places = self.uv[whole].reshape(-1, 2) + 0.0
+        order = np.lexsort((places[:, 1], places[:, 0], corners))
+        new = np.ones(len(order), bool)
+        new[1:] = (corners[order[1:]] != corners[order[:-1]]) | (places[order[1:]] != places[order[:-1]]).any(axis=1)
+        number = np.empty(len(order), np.int64)
+        number[order] = np.cumsum(new) - 1
+        return corners[order[new]], number.reshape(-1, 3), places[order[new]]
+
+    def kept_picture(self) -> bytes | None:
+        """Return the image file that all texture coordinates refer to, or None if there is none or are several."""
+        if self.uv is None or len(self.pictures) != 1:
+            return None
+        picture = self.pictures[0]
+        return picture if isinstance(picture, bytes) else check_readable(picture).read_bytes()
+
+
+def samples_of(picture: Path | bytes) -> Array:
+    """Return the samples (H, W, C) of an image file or of its content."""
+    if isinstance(picture, bytes):
+        image = image_from_bytes(picture)
+    else:
+        image = read_samples(picture)
+    return image[:, :, None] if image.ndim == 2 else image
+
+
+def image_from_bytes(content: bytes) -> Array:
+    """Return the samples of an image file's content."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "picture")
+        path.write_bytes(content)
+        return read_samples(path)
+
+
+def _nearest(image: Array, uv: Array) -> Array:
+    """Return the linear colours (K, 3) of the texels at places (K, 2) of a picture that repeats."""
+    height, width = image.shape[:2]
+    column = np.clip((uv[:, 0] - np.floor(uv[:, 0])) * width, 0, width - 1).astype(int)
+    row = np.clip((1 - (uv[:, 1] - np.floor(uv[:, 1]))) * height, 0, height - 1).astype(int)
+    texel = image[row, column]
+    texel = np.repeat(texel[:, :1], 3, axis=1) if texel.shape[1] < 3 else texel[:, :3]
+    if texel.dtype.kind == "f":
+        return np.asarray(texel, np.float32)
+    return decode_srgb(texel.astype(np.float32) / np.float32(np.iinfo(texel.dtype).max))
