@@ -16,7 +16,7 @@ $(STAMP):
 	@test -x $(BIN)/python || { echo "making $(VENV) …"; $(PYTHON) -m venv $(VENV); }
 	@echo "installing Intaglio and what it needs into $(VENV) (the first time this takes a few minutes) …"
 	@rm -rf build $(VENV)/.installed-*
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,points]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,points,raw]'
 	@touch $@
 
 demo: install

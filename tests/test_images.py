@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -163,6 +164,29 @@ def lzw(rows):
         return buffer.getvalue()[page.dataoffsets[0] :][: page.databytecounts[0]]
 
 
+def test_pictures_of_several_views(tmp_path):
+    Image.fromarray(COLOR).save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[Image.fromarray(COLOR // 2)])
+    with Image.open(tmp_path / "a.jpg") as image:
+        assert image.format == "MPO"
+        expected = np.asarray(image)
+    np.testing.assert_array_equal(read_samples(tmp_path / "a.jpg"), expected)
+
+
+def test_damaged_tiffs_print_nothing(tmp_path, capfd):
+    for compression in ("tiff_lzw", "jpeg", "zstd"):
+        path = tmp_path / f"{compression}.tif"
+        Image.fromarray(COLOR).save(path, compression=compression)
+        with tifffile.TiffFile(path) as file:
+            offset, count = file.pages.first.dataoffsets[0], file.pages.first.databytecounts[0]
+        data = bytearray(path.read_bytes())
+        data[offset + count // 4 : offset + count // 2] = RNG.integers(0, 256, count // 2 - count // 4, np.uint8).tobytes()
+        data[offset + 1] ^= 255
+        path.write_bytes(data)
+        with pytest.raises(FileError, match="damaged"):
+            read_samples(path)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_jpeg_inside_a_tiff(tmp_path):
     smooth = np.linspace(20, 230, 64, dtype=np.uint8)[None, :, None] * np.ones((64, 1, 3), np.uint8)
     Image.fromarray(smooth).save(tmp_path / "a.tif", compression="jpeg", quality=95)
@@ -240,6 +264,72 @@ def test_damaged_radiance_pictures(tmp_path, change, message):
     (tmp_path / "a.hdr").write_bytes(change(radiance(np.ones((9, 20, 3)) * RNG.uniform(size=(9, 20, 1)))))
     with pytest.raises(FileError, match=message):
         intaglio.read_image(tmp_path / "a.hdr")
+
+
+# Photographs as the sensor saw them
+
+
+def write_dng(path, camera, orientation=1):
+    """Write a mosaic of camera values (H, W, 3) whose white balance is (2, 1, 2) and whose colours are Rec.709's."""
+
+    def rationals(values):
+        return [n for value in values for n in (round(value * 10000), 10000)]
+
+    mosaic = camera[..., 1].copy()
+    mosaic[0::2, 0::2], mosaic[1::2, 1::2] = camera[0::2, 0::2, 0], camera[1::2, 1::2, 2]
+    to_camera = [3.2404542, -1.5371385, -0.4985314, -0.9692660, 1.8760108, 0.0415560, 0.0556434, -0.2040259, 1.0572252]
+    tags = [
+        (274, "H", 1, orientation, True),
+        (271, "s", 0, "Make", True),
+        (272, "s", 0, "Model", True),
+        (33421, "H", 2, (2, 2), True),
+        (33422, "B", 4, bytes([0, 1, 1, 2]), True),
+        (50706, "B", 4, bytes([1, 4, 0, 0]), True),
+        (50708, "s", 0, "Make Model", True),
+        (50717, "H", 1, 65535, True),
+        (50721, "2i", 9, rationals(to_camera), True),
+        (50728, "2I", 3, rationals([0.5, 1, 0.5]), True),
+        (50778, "H", 1, 21, True),
+    ]
+    tifffile.imwrite(path, np.round(mosaic * 65535).astype(np.uint16), photometric=32803, extratags=tags, metadata=None)
+
+
+def test_raw_photographs(tmp_path):
+    pytest.importorskip("rawpy")
+    camera = np.full((64, 96, 3), (0.1, 0.4, 0.05))
+    camera[:32] /= 4
+    write_dng(tmp_path / "a.dng", camera)
+    # White balance doubles red and blue; half the light is half the value, in every photograph alike.
+    found = intaglio.read_image(tmp_path / "a.dng")
+    assert found.shape == (64, 96, 3)
+    np.testing.assert_allclose(found[48, 40], (0.2, 0.4, 0.1), atol=1e-3)
+    np.testing.assert_allclose(found[8, 40], (0.05, 0.1, 0.025), atol=1e-3)
+    write_dng(tmp_path / "bright.dng", np.minimum(camera * 2.2, 1))
+    np.testing.assert_allclose(intaglio.read_image(tmp_path / "bright.dng"), found * 2.2, atol=3e-3)
+    write_dng(tmp_path / "turned.dng", camera, orientation=6)
+    np.testing.assert_array_equal(intaglio.read_image(tmp_path / "turned.dng"), np.rot90(found, -1))
+    np.testing.assert_array_equal(intaglio.read_image(tmp_path / "turned.dng", orient=False), found)
+    # The name may say TIFF.
+    (tmp_path / "a.dng").rename(tmp_path / "a.tif")
+    np.testing.assert_array_equal(intaglio.read_image(tmp_path / "a.tif"), found)
+
+
+def test_damaged_raw_photographs(tmp_path, capfd):
+    pytest.importorskip("rawpy")
+    write_dng(tmp_path / "a.dng", np.full((64, 96, 3), 0.2))
+    data = (tmp_path / "a.dng").read_bytes()
+    for end in (60, len(data) // 2, -100):
+        (tmp_path / "a.dng").write_bytes(data[:end])
+        with pytest.raises(FileError, match=r"a\.dng: (is cut short|can't be read as a raw photograph)"):
+            intaglio.read_image(tmp_path / "a.dng")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_raw_photographs_without_the_reader(tmp_path, monkeypatch):
+    write_dng(tmp_path / "a.dng", np.full((64, 96, 3), 0.2))
+    monkeypatch.setitem(sys.modules, "rawpy", None)
+    with pytest.raises(FileError, match=r"pip install 'intaglio\[raw\]'"):
+        intaglio.read_image(tmp_path / "a.dng")
 
 
 # The content decides

@@ -8,7 +8,9 @@ import io
 import logging
 import os
 import re
+import struct
 import sys
+import tempfile
 import threading
 import warnings
 from collections.abc import Iterator
@@ -17,6 +19,8 @@ from contextlib import contextmanager
 import numpy as np
 
 _lock = threading.RLock()
+
+_SLIPS = (TypeError, AttributeError, LookupError, ArithmeticError, AssertionError, UnicodeError, struct.error)
 
 
 @contextmanager
@@ -33,28 +37,32 @@ def hushed() -> Iterator[None]:
 
 
 @contextmanager
-def hushed_streams() -> Iterator[None]:
-    """Keep what a library of C or C++ writes to the process's output and errors from the user."""
-    with _lock:
+def hushed_streams() -> Iterator[list[str]]:
+    """Keep what a library of C or C++ writes to the process's output and errors from the user.
+
+    Gives a list that holds, after the block, what was said.
+    """
+    heard: list[str] = []
+    with _lock, tempfile.TemporaryFile() as instead:
         _flush()
         kept = []
-        try:
-            silent = os.open(os.devnull, os.O_WRONLY)
-            for stream in (1, 2):
+        for stream in (1, 2):
+            try:
                 kept.append((stream, os.dup(stream)))
-                os.dup2(silent, stream)
-            os.close(silent)
-        except OSError:
-            pass  # a process without these streams hears nothing anyway
+                os.dup2(instead.fileno(), stream)
+            except OSError:
+                continue  # a process may have closed its streams; nothing is heard there then
         try:
             # Bindings print by Python's own streams, what they bind by the process's.
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-                yield
+                yield heard
         finally:
             _flush()
             for stream, copy in kept:
                 os.dup2(copy, stream)
                 os.close(copy)
+            instead.seek(0)
+            heard.append(instead.read(2000).decode("utf-8", "replace"))
 
 
 def _flush() -> None:
@@ -72,13 +80,17 @@ def _flush() -> None:
 
 def reason(error: BaseException, path: object = "") -> str:
     """Return what a library's error says, as a phrase of one line without places in its source or the file's name."""
-    lines = [" ".join(line.split()) for line in str(error).splitlines()]
+    if isinstance(error, _SLIPS) or not str(error):
+        # The library has stumbled over what it read, and says only how.
+        return "its header is damaged"
+    text = error.args[0].decode("ascii", "replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+    lines = [" ".join(line.split()) for line in text.splitlines()]
     text = next((line for line in lines if line), type(error).__name__)
+    if text.startswith("cannot identify image file"):
+        return "its header is damaged"
     text = re.sub(r"^\[[\w./-]+:\d+\] ", "", text)
     name = str(path)
     if name:
         for quoted in (f"'{name}'", f'"{name}"', repr(name), name):
             text = text.replace(quoted, "the file")
-    if text.startswith("cannot identify image file"):
-        return "its header is damaged"
     return text.removeprefix("the file: ")[:300]

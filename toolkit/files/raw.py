@@ -8,7 +8,7 @@ import numpy as np
 
 from intaglio.errors import FileError, InputError
 from intaglio.files.pixels import Pixels, check_image_memory
-from intaglio.files.quiet import reason
+from intaglio.files.quiet import hushed_streams, reason
 
 # LibRaw's codes of how the camera was held, as EXIF's.
 _ORIENTATIONS = {0: 1, 3: 3, 5: 8, 6: 6}
@@ -25,7 +25,7 @@ def read_raw(path: Path) -> Pixels:
     except ImportError as error:
         raise FileError(f"{path}: raw photographs need rawpy; pip install 'intaglio[raw]'") from error
     try:
-        with rawpy.imread(str(path)) as raw:
+        with hushed_streams() as heard, rawpy.imread(str(path)) as raw:
             check_image_memory(path, int(raw.sizes.width), int(raw.sizes.height), 4, 4)
             orientation = _ORIENTATIONS.get(int(raw.sizes.flip), 1)
             values = raw.postprocess(
@@ -33,6 +33,8 @@ def read_raw(path: Path) -> Pixels:
                 no_auto_bright=True,
                 use_camera_wb=True,
                 output_bps=16,
+                # White is what the file says, not the photograph's own brightest value.
+                adjust_maximum_thr=0.0,
                 user_flip=0,
                 output_color=rawpy.ColorSpace.sRGB,
             )
@@ -40,4 +42,7 @@ def read_raw(path: Path) -> Pixels:
         raise
     except Exception as error:
         raise FileError(f"{path}: can't be read as a raw photograph ({reason(error, path)})") from error
+    # LibRaw fills up what is missing with black, and says so on the error stream only.
+    if any(word in heard[0].lower() for word in ("end of file", "corrupt", "error")):
+        raise FileError(f"{path}: is cut short or damaged")
     return Pixels(np.asarray(values), orientation)

@@ -16,6 +16,7 @@ from intaglio.errors import FileError
 from intaglio.files.color_profiles import ADOBE_RGB, read_profile
 from intaglio.files.pillow import read_by_pillow
 from intaglio.files.pixels import Pixels, as_stored, check_image_memory
+from intaglio.files.quiet import hushed_streams
 from intaglio.files.raw import read_raw
 
 _COLORS = ("MINISBLACK", "MINISWHITE", "RGB", "PALETTE", "YCBCR", "SEPARATED")
@@ -27,6 +28,12 @@ _BY_LIBTIFF = ("LZW", "ADOBE_DEFLATE", "DEFLATE", "PACKBITS", "LZMA", "ZSTD")
 
 def read_tiff(path: Path) -> Pixels:
     """Read the first image of a TIFF file."""
+    # libtiff prints what it stumbles over.
+    with hushed_streams():
+        return _read(path)
+
+
+def _read(path: Path) -> Pixels:
     import tifffile
 
     with tifffile.TiffFile(path) as file:
