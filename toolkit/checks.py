@@ -23,6 +23,9 @@ from intaglio.errors import InputError
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+# Arguments of larger magnitude are refused.
+LARGEST = 1e70
+
 # Characters of a value that a message shows.
 _SHOWN = 80
 
@@ -44,7 +47,7 @@ _SOURCES = {
 
 def shown(value: object) -> str:
     """Return a value as it is quoted in a message: one line, not long."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of {value.dtype} of shape {value.shape}"
     if isinstance(value, type) or callable(value):
         return f"the {'class' if isinstance(value, type) else 'function'} {getattr(value, '__name__', type(value).__name__)}"
@@ -98,7 +101,9 @@ def checked_positive(name: str, value: float) -> float:
 
 def checked_path(name: str, value: os.PathLike[str] | str) -> Path:
     """Return ``value`` as a Path, or raise `InputError` if it can't name a file."""
-    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    text = None
+    if isinstance(value, str | os.PathLike) and not isinstance(value, type):
+        text = os.fspath(value)
     if not isinstance(text, str):
         raise InputError(f"{name} must be the name of a file, text or a Path, not {shown(value)}")
     if not text or "\0" in text:
@@ -128,7 +133,16 @@ def real_array(name: str, value: object) -> Array:
     if array.dtype.kind not in "biuf":
         what = shown(value) if array.ndim == 0 else f"of {array.dtype}"
         raise InputError(f"{name} must be an array of real numbers, not {what}")
+    # Squares of larger numbers overflow; NaN and infinity are the function's matter.
+    if array.dtype.kind == "f" and array.dtype.itemsize > 4 and array.size and _largest(array) > LARGEST:
+        raise InputError(f"{name} holds numbers beyond {LARGEST:g}, of which squares can't be computed")
     return np.require(array, array.dtype.newbyteorder("="), "C")
+
+
+def _largest(array: Array) -> float:
+    """Return the largest finite magnitude of an array that is not empty."""
+    largest = max(np.fmax.reduce(array, axis=None), -np.fmin.reduce(array, axis=None))
+    return float(np.abs(array[np.isfinite(array)]).max(initial=0) if np.isinf(largest) else largest)
 
 
 def converted(name: str, array: Array, dtype: type) -> Array:
@@ -164,12 +178,26 @@ def checked_vectors(name: str, value: object) -> Array:
     return array
 
 
+_COUNTS = {2: "two", 3: "three"}
+
+
 def checked_vector(name: str, value: object, count: int = 3) -> Array:
     """Return ``value`` as a float64 array of ``count`` finite numbers, or raise `InputError`."""
     array = converted(name, real_array(name, value), np.float64)
     if array.size != count or not np.isfinite(array).all():
-        raise InputError(f"{name} must be {count} finite numbers, not {shown(value)}")
+        raise InputError(f"{name} must be {_COUNTS.get(count, count)} finite numbers, not {shown(value)}")
     return array.reshape(-1)
+
+
+def checked_direction(name: str, value: object) -> Array:
+    """Return ``value`` as three float64 numbers of length 1, or raise `InputError` for what is no direction."""
+    vector = checked_vector(name, value)
+    # Squares of very small numbers vanish, those of the vector's shares do not.
+    largest = np.abs(vector).max()
+    if largest == 0:
+        raise InputError(f"{name} must be three finite numbers, not all zero: it must not be the zero vector")
+    vector = vector / largest
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def checked_numeric(name: str, value: ArrayLike, dtype: type) -> Array:
@@ -177,10 +205,10 @@ def checked_numeric(name: str, value: ArrayLike, dtype: type) -> Array:
     return converted(name, real_array(name, value), dtype)
 
 
-def checked_shape(name: str, value: ArrayLike, dtype: type, shape: Sequence[int | None]) -> Array:
+def checked_shape(name: str, value: ArrayLike, dtype: type, shape: Sequence[int | None], *, finite: bool = False) -> Array:
     """Return ``value`` as a contiguous array of ``dtype`` without NaN and of ``shape``, or raise `InputError`.
 
-    None stands for any length.
+    None stands for any length. ``finite`` refuses infinity as well.
     """
     array = checked_numeric(name, value, dtype)
     if array.ndim != len(shape) or any(wanted not in (None, given) for wanted, given in zip(shape, array.shape, strict=True)):
@@ -188,6 +216,8 @@ def checked_shape(name: str, value: ArrayLike, dtype: type, shape: Sequence[int 
         raise InputError(f"{name} must have shape ({wanted}{',' if len(shape) == 1 else ''}), not {array.shape}")
     if array.dtype.kind == "f" and np.isnan(array).any():
         raise InputError(f"{name} holds NaN, {int(np.isnan(array).sum())} of {array.size} values")
+    if finite and not np.isfinite(array).all():
+        raise InputError(f"{name} holds infinity, {int(np.isinf(array).sum())} of {array.size} values")
     return array
 
 
@@ -282,7 +312,7 @@ def check_fields(record: Any, *, nan: bool = False) -> None:
     record : dataclass
         What is being made.
     nan : bool
-        Whether single numbers may be NaN, as figures of a report are where they have no meaning.
+        Whether values may be NaN, as figures of a report are where they have no meaning.
     """
     scope = inspect.getmodule(type(record)).__dict__
     for field in dataclasses.fields(record):
@@ -290,7 +320,10 @@ def check_fields(record: Any, *, nan: bool = False) -> None:
         unset = value is None and field.default is None
         if unset or (nan and field.type in ("float", "float | None") and isinstance(value, float) and value != value):
             continue
-        object.__setattr__(record, field.name, _checked_by(field.name, value, str(field.type), scope))
+        made = _checked_by(field.name, value, str(field.type), scope)
+        if not nan and isinstance(made, np.ndarray) and made.dtype.kind == "f" and np.isnan(made).any():
+            raise InputError(f"{field.name} holds NaN, {int(np.isnan(made).sum())} of {made.size} values")
+        object.__setattr__(record, field.name, made)
 
 
 def _number(value: object) -> float | None:
@@ -316,12 +349,12 @@ def _another(name: str, kind: str, value: object) -> str:
 
 
 @functools.cache
-def _alternatives(annotation: str) -> tuple[str, ...]:
-    """Return what a union of annotations consists of; brackets keep theirs together."""
+def _split(annotation: str, mark: str) -> tuple[str, ...]:
+    """Return the parts of an annotation between marks; brackets keep theirs together."""
     found, depth, start = [], 0, 0
     for at, letter in enumerate(annotation):
         depth += (letter == "[") - (letter == "]")
-        if letter in "|" and depth == 0:
+        if letter == mark and depth == 0:
             found.append(annotation[start:at].strip())
             start = at + 1
     return (*found, annotation[start:].strip())
@@ -329,17 +362,18 @@ def _alternatives(annotation: str) -> tuple[str, ...]:
 
 def _checked_by(name: str, value: object, annotation: str, scope: Mapping[str, object]) -> Any:
     """Return ``value``, checked by an annotation; of several alternatives the first that it fits."""
-    kinds = [kind for kind in _alternatives(annotation) if kind != "None"]
-    if value is None and len(kinds) < len(_alternatives(annotation)):
+    parts = _split(annotation, "|")
+    if value is None and "None" in parts:
         return None
+    kinds = [kind for kind in parts if kind != "None"]
     problems = []
     for kind in kinds:
         try:
             return _checked_kind(name, value, kind, scope)
         except InputError as problem:
             problems.append(problem)
-    if len(kinds) == 1 or isinstance(value, np.ndarray):
-        raise problems[-1]
+    if len(kinds) == 1:
+        raise problems[0]
     raise InputError(f"{name} must be {' or '.join(_words(kind) for kind in kinds)}, not {shown(value)}")
 
 
@@ -349,11 +383,11 @@ def _checked_kind(name: str, value: object, kind: str, scope: Mapping[str, objec
         return _CHECKS[kind](name, value)
     outer, _, inner = kind.removesuffix("]").partition("[")
     if outer in ("Sequence", "list", "tuple"):
-        return _checked_several(name, value, outer, _alternatives(inner), scope)
+        return _checked_several(name, value, outer, _split(inner, ","), scope)
     if outer in ("Mapping", "dict"):
         if not isinstance(value, Mapping):
             raise InputError(f"{name} must be {_words(kind)}, not {shown(value)}")
-        of_key, of_value = _alternatives(inner)
+        of_key, of_value = _split(inner, ",")
         named = {_checked_by(f"{name}: a key", key, of_key, scope): one for key, one in value.items()}
         return {key: _checked_by(f"{name}[{shown(key)}]", one, of_value, scope) for key, one in named.items()}
     known = scope.get(kind)
@@ -372,9 +406,14 @@ def _checked_several(name: str, value: object, outer: str, kinds: tuple[str, ...
         raise InputError(f"{name} must be {_words(kind)}, not {shown(value)}")
     if isinstance(value, str):
         return value
-    if isinstance(value, Mapping) or not isinstance(value, Sized) or not hasattr(value, "__iter__") or np.ndim(value) == 0:
+    if (
+        isinstance(value, Mapping | memoryview)
+        or (isinstance(value, np.ndarray) and value.ndim == 0)
+        or not isinstance(value, Sized)
+        or not hasattr(value, "__iter__")
+    ):
         raise InputError(f"{name} must be {_words(kind)}, not {shown(value)}")
-    items = list(value)
+    items: list[object] = list(value)  # type: ignore[call-overload]
     each = kinds[:1] * len(items) if outer != "tuple" or kinds[-1] == "..." else kinds
     if len(items) != len(each):
         raise InputError(f"{name} must be {_words(kind)}, not {len(items)} values: {shown(value)}")
@@ -386,7 +425,7 @@ def _words(kind: str) -> str:
     """Return an annotation in words."""
     outer, _, inner = kind.removesuffix("]").partition("[")
     if outer in ("Sequence", "list", "tuple"):
-        kinds = _alternatives(inner)
+        kinds = _split(inner, ",")
         if outer == "tuple" and kinds[-1] != "...":
             return f"({', '.join(_words(one) for one in kinds)})"
         return f"a sequence, each item {_words(kinds[0])}"
@@ -408,12 +447,20 @@ def _checked_real(name: str, value: object) -> Any:
     number = _number(value)
     if number is None or number != number:
         raise InputError(f"{name} must be a number, not {shown(value)}")
+    if LARGEST < abs(number) < np.inf or (number == np.inf and isinstance(value, int)):
+        raise InputError(f"{name} must be a number up to {LARGEST:g}, not {shown(value)}; give a smaller {name}")
     return value if isinstance(value, int | float | np.number) else number
 
 
 def _checked_text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name} must be text, not {shown(value)}")
+    return value
+
+
+def _checked_bytes(name: str, value: object) -> bytes:
+    if not isinstance(value, bytes):
+        raise InputError(f"{name} must be bytes, not {shown(value)}")
     return value
 
 
@@ -435,6 +482,7 @@ _CHECKS: dict[str, Callable[[str, object], Any]] = {
     "int": _checked_whole,
     "float": _checked_real,
     "str": _checked_text,
+    "bytes": _checked_bytes,
     "Path": _checked_name,
     "PathLike": _checked_name,
     "Array": real_array,
@@ -447,6 +495,7 @@ _NAMES = {
     "int": "a whole number",
     "float": "a number",
     "str": "text",
+    "bytes": "bytes",
     "Path": "a file's name",
     "PathLike": "a file's name",
     "Array": "an array of numbers",

@@ -13,6 +13,16 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import (
+    LARGEST,
+    check_fields,
+    checked_arguments,
+    checked_direction,
+    checked_shape,
+    checked_vector,
+    checked_vectors,
+    shown,
+)
 from intaglio.errors import InputError
 
 if TYPE_CHECKING:
@@ -147,6 +157,7 @@ class Base(ABC):
         [[1. 2. 0.]] [[0. 0. 1.]]
         """
 
+    @checked_arguments
     def distance(self, points: Array) -> Array:
         """Return the signed distances of points from the base along its normal.
 
@@ -168,8 +179,9 @@ class Base(ABC):
         array([ 0.5, -1. ])
         """
         foot, normal = self.foot(points)
-        return np.einsum("ij,ij->i", np.asarray(points, np.float64) - foot, normal)
+        return np.einsum("ij,ij->i", checked_vectors("points", points) - foot, normal)
 
+    @checked_arguments
     def chart(self, points: Array) -> Array:
         """Return the coordinates of the feet of points on the unrolled base.
 
@@ -258,6 +270,7 @@ class Base(ABC):
         {'radius': 4.0, 'center': array([1., 2., 3.])}
         """
 
+    @checked_arguments
     def describe(self, unit_name: str = "units") -> str:
         """Return one line of text with the parameters and, if the base was fitted, the residual.
 
@@ -326,13 +339,15 @@ class Plane(Base):
     direction: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        normal = _vector(self.normal, "normal", unit_length=True)
-        object.__setattr__(self, "point", _vector(self.point, "point"))
+        check_fields(self)
+        normal = checked_direction("normal", self.normal)
+        object.__setattr__(self, "point", checked_vector("point", self.point))
         object.__setattr__(self, "normal", normal)
-        along = perpendicular(normal) if self.direction is None else _vector(self.direction, "direction")
+        along = perpendicular(normal) if self.direction is None else checked_vector("direction", self.direction)
         along = along - (along @ normal) * normal
-        object.__setattr__(self, "direction", _vector(along, "direction", unit_length=True))
+        object.__setattr__(self, "direction", checked_direction("direction", along))
 
+    @checked_arguments
     def foot(self, points: Array) -> tuple[Array, Array]:
         """Return the nearest points on the plane and its unit normal there.
 
@@ -355,11 +370,12 @@ class Plane(Base):
         >>> print(foot, normal)
         [[5. 6. 2.]] [[0. 0. 1.]]
         """
-        points = np.asarray(points, np.float64)
+        points = checked_vectors("points", points)
         normal = self.normal * self.orientation
         height = (points - self.point) @ normal
         return points - height[:, None] * normal, np.tile(normal, (len(points), 1))
 
+    @checked_arguments
     def chart(self, points: Array) -> Array:
         """Return the coordinates of the feet of points in the plane.
 
@@ -382,8 +398,9 @@ class Plane(Base):
         array([[2., 4.]])
         """
         axes = np.stack([self.direction, np.cross(self.normal * self.orientation, self.direction)], axis=1)
-        return (np.asarray(points, np.float64) - self.point) @ axes
+        return (checked_vectors("points", points) - self.point) @ axes
 
+    @checked_arguments
     def from_chart(self, coordinates: Array) -> Array:
         """Return the points of the plane at coordinates of its chart.
 
@@ -405,7 +422,7 @@ class Plane(Base):
         array([[3., 4., 0.]])
         """
         axes = np.stack([self.direction, np.cross(self.normal * self.orientation, self.direction)], axis=0)
-        return self.point + np.asarray(coordinates, np.float64) @ axes
+        return self.point + checked_shape("coordinates", coordinates, np.float64, (None, 2), finite=True) @ axes
 
     @property
     def kernel_parameters(self) -> tuple[int, Array, Array, float]:
@@ -485,10 +502,12 @@ class Cylinder(Base):
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", _vector(self.point, "point"))
-        object.__setattr__(self, "axis", _vector(self.axis, "axis", unit_length=True))
+        check_fields(self)
+        object.__setattr__(self, "point", checked_vector("point", self.point))
+        object.__setattr__(self, "axis", checked_direction("axis", self.axis))
         object.__setattr__(self, "radius", _radius(self.radius))
 
+    @checked_arguments
     def foot(self, points: Array) -> tuple[Array, Array]:
         """Return the nearest points on the cylinder and its unit normals there.
 
@@ -513,7 +532,7 @@ class Cylinder(Base):
         >>> print(foot, normal)
         [[2. 0. 7.]] [[1. 0. 0.]]
         """
-        relative = np.asarray(points, np.float64) - self.point
+        relative = checked_vectors("points", points) - self.point
         along = relative @ self.axis
         outward = unit(relative - along[:, None] * self.axis)
         # A point on the axis has every direction; one is chosen so that no NaN goes out.
@@ -521,6 +540,7 @@ class Cylinder(Base):
         foot = self.point + along[:, None] * self.axis + self.radius * outward
         return foot, outward * self.orientation
 
+    @checked_arguments
     def chart(self, points: Array) -> Array:
         """Return the coordinates of the feet of points on the unrolled cylinder.
 
@@ -543,12 +563,13 @@ class Cylinder(Base):
         >>> print((b - a) / [np.pi, 1])
         [1. 3.]
         """
-        relative = np.asarray(points, np.float64) - self.point
+        relative = checked_vectors("points", points) - self.point
         e1 = perpendicular(self.axis)
         e2 = np.cross(self.axis, e1)
         angle = np.arctan2(relative @ e2, relative @ e1)
         return np.stack([self.radius * angle, relative @ self.axis], axis=1)
 
+    @checked_arguments
     def from_chart(self, coordinates: Array) -> Array:
         """Return the points of the cylinder at coordinates of its chart.
 
@@ -571,7 +592,7 @@ class Cylinder(Base):
         >>> np.allclose(tower.from_chart(tower.chart(point)), point)
         True
         """
-        coordinates = np.asarray(coordinates, np.float64)
+        coordinates = checked_shape("coordinates", coordinates, np.float64, (None, 2), finite=True)
         e1 = perpendicular(self.axis)
         e2 = np.cross(self.axis, e1)
         angle = coordinates[:, 0] / self.radius
@@ -654,9 +675,11 @@ class Sphere(Base):
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "center", _vector(self.center, "center"))
+        check_fields(self)
+        object.__setattr__(self, "center", checked_vector("center", self.center))
         object.__setattr__(self, "radius", _radius(self.radius))
 
+    @checked_arguments
     def foot(self, points: Array) -> tuple[Array, Array]:
         """Return the nearest points on the sphere and its unit normals there.
 
@@ -680,7 +703,7 @@ class Sphere(Base):
         >>> print(foot, normal)
         [[0. 2. 0.]] [[0. 1. 0.]]
         """
-        outward = unit(np.asarray(points, np.float64) - self.center)
+        outward = unit(checked_vectors("points", points) - self.center)
         outward[~outward.any(axis=1)] = (0.0, 0.0, 1.0)
         return self.center + self.radius * outward, outward * self.orientation
 
@@ -736,29 +759,10 @@ def face_the_scan(base: Base, points: Array, faces: Array) -> Base:
     return base if agrees else replace(base, inward=not base.inward)
 
 
-def _vector(value: Array, name: str, unit_length: bool = False) -> Array:
-    try:
-        vector = np.asarray(value, np.float64).reshape(-1)
-    except (TypeError, ValueError):
-        vector = np.zeros(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise InputError(f"{name} must be three finite numbers, not {value!r}")
-    if unit_length:
-        length = np.linalg.norm(vector)
-        if length == 0:
-            raise InputError(f"{name} must not be the zero vector")
-        vector = vector / length
-    return vector
-
-
 def _radius(value: float) -> float:
-    try:
-        radius = float(value)
-    except (TypeError, ValueError):
-        radius = float("nan")
-    if not (np.isfinite(radius) and radius > 0):
-        raise InputError(f"radius must be a positive length, not {value!r}")
-    return radius
+    if not 0 < value < LARGEST:
+        raise InputError(f"radius must be a positive length, not {shown(value)}")
+    return float(value)
 
 
 def _format(value: object) -> str:

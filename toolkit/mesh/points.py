@@ -6,12 +6,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_numeric, checked_rows
+from intaglio.checks import (
+    checked_arguments,
+    checked_direction,
+    checked_number,
+    checked_numeric,
+    checked_rows,
+    checked_shape,
+    checked_vector,
+)
 from intaglio.errors import InputError
 from intaglio.mesh.surface import Surface
 from intaglio.mesh.topology import Topology
 
 
+@checked_arguments
 def surface_from_range_image(
     points: Array, *, view: ArrayLike = (0.0, 0.0, 0.0), color: Array | None = None, steepest: float = 80.0
 ) -> Surface:
@@ -61,11 +70,12 @@ def surface_from_range_image(
     array([0., 0., 1.])
     """
     points = checked_numeric("points", points, np.float64)
-    stood = checked_numeric("view", view, np.float64)
-    if stood.shape != (3,):
-        raise InputError(f"view must be three numbers, not {view!r}")
+    stood = checked_vector("view", view)
     if points.ndim != 3 or points.shape[2] != 3:
-        raise InputError(f"a range image must have shape (H, W, 3), not {points.shape}")
+        raise InputError(f"points of a range image must have shape (H, W, 3), not {points.shape}")
+    steepest = checked_number("steepest", steepest, 0, 90)
+    if color is not None:
+        color = checked_shape("color", color, np.float32, points.shape)
     valid = np.isfinite(points).all(axis=2)
     index = np.full(valid.shape, -1)
     index[valid] = np.arange(valid.sum())
@@ -73,7 +83,7 @@ def surface_from_range_image(
     vertices = points[valid]
     faces = _grid_faces(a, b, c, d, vertices)
     if len(faces) == 0:
-        raise InputError("the range image has no three neighbouring points: no triangle can be made")
+        raise InputError("points have no three neighbours in the range image: no triangle can be made")
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sight = stood - corners.mean(axis=1)
@@ -81,7 +91,9 @@ def surface_from_range_image(
     size = np.linalg.norm(normal, axis=1) * np.linalg.norm(sight, axis=1)
     seen = np.abs(facing) > np.cos(np.radians(steepest)) * size
     if not seen.any():
-        raise InputError(f"no triangle of the range image is less than {steepest} degrees from the line of sight")
+        raise InputError(
+            f"no triangle of the points is less than steepest={steepest:g} degrees from the line of sight, seen from the view"
+        )
     faces = faces[seen]
     if facing[seen].sum() < 0:
         faces = faces[:, ::-1]
@@ -92,10 +104,11 @@ def surface_from_range_image(
     return Surface(
         vertices=vertices[used],
         faces=renumber[faces],
-        color=None if color is None else np.asarray(color, np.float32)[valid][used],
+        color=None if color is None else color[valid][used],
     )
 
 
+@checked_arguments
 def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | None = None, longest: float = 3.0) -> Surface:
     """Triangulate the points of one view, by Delaunay's triangulation in the plane of view.
 
@@ -137,14 +150,14 @@ def surface_from_points(points: Array, direction: ArrayLike, *, color: Array | N
     from scipy.spatial import Delaunay, QhullError
 
     points = checked_rows("points", points, np.float64)
-    sight = checked_numeric("direction", direction, np.float64).reshape(-1)
-    if sight.shape != (3,) or not np.isfinite(sight).all() or not sight.any():
-        raise InputError(f"direction must be three finite numbers, not all zero; it is {direction!r}")
+    sight = checked_direction("direction", direction)
     if not longest > 0:
         raise InputError(f"longest must be a positive number of median edges, not {longest!r}")
+    if color is not None:
+        color = checked_rows("color", color, np.float32, len(points))
     if len(points) < 3:
         raise InputError(f"{len(points)} points make no triangle; at least 3 are needed")
-    towards = -sight / np.linalg.norm(sight)
+    towards = -sight
     e1 = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
     e1 /= np.linalg.norm(e1)
     flat = (points - points.mean(axis=0)) @ np.stack([e1, np.cross(towards, e1)], axis=1)

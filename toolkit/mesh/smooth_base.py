@@ -8,7 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments, checked_faces, checked_positive, checked_rows, checked_vectors
 from intaglio.devices import device_or_error
+from intaglio.errors import InputError
 from intaglio.kernels.geodesics import nearest_on_mesh
 from intaglio.mesh.base import Base, unit
 
@@ -55,6 +57,21 @@ class SmoothBase(Base):
     relief_scale: float
     device: str | None = field(default=None, compare=False)
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, value in (
+            ("vertices", vertices := checked_rows("vertices", self.vertices, np.float64)),
+            ("faces", checked_faces("faces", self.faces, len(vertices))),
+            ("normals", checked_rows("normals", self.normals, np.float64, len(vertices))),
+            ("relief_scale", checked_positive("relief_scale", self.relief_scale)),
+        ):
+            object.__setattr__(self, name, value)
+        if len(self.faces) == 0:
+            raise InputError("faces are missing; a smooth base needs at least one triangle")
+        if self.device is not None:
+            device_or_error(self.device)
+
+    @checked_arguments
     def foot(self, points: Array) -> tuple[Array, Array]:
         """Return the nearest points on the surface and the interpolated unit normals there.
 
@@ -87,7 +104,7 @@ class SmoothBase(Base):
         >>> print(foot, normal)
         [[1. 1. 0.]] [[0. 0. 1.]]
         """
-        face, weight = nearest_on_mesh(np.asarray(points, np.float64), self.vertices, self.faces, device_or_error(self.device))
+        face, weight = nearest_on_mesh(checked_vectors("points", points), self.vertices, self.faces, device_or_error(self.device))
         corner = self.faces[face]
         foot = np.einsum("ik,ikc->ic", weight, self.vertices[corner])
         return foot, unit(np.einsum("ik,ikc->ic", weight, self.normals[corner])) * self.orientation

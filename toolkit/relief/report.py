@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.files import listing, picture_row, write_page
+from intaglio.checks import checked_arguments, checked_count
+from intaglio.errors import InputError
+from intaglio.files import check_writable, listing, picture_row, write_page
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface
 from intaglio.relief.assess import ReliefReport, assess_relief
@@ -26,6 +28,7 @@ RELIEF = "Completed, relief alone"
 _MEASURED, _FILLED = "#a5855a", "#3b6ea5"
 
 
+@checked_arguments
 def write_relief_report(
     surface: Surface,
     path: PathLike,
@@ -103,7 +106,14 @@ def write_relief_report(
     >>> report.filled_count
     36
     """
+    path = check_writable(path)
+    size = checked_count("size", size, 1, 16384)
     report = assess_relief(surface, truth, device=device) if report is None else report
+    for name, field in (("displacement", report.displacement), ("filled", report.filled)):
+        if len(field) != len(surface.vertices):
+            raise InputError(
+                f"report belongs to another surface: its {name} has {len(field)} values, not {len(surface.vertices)}"
+            )
     if pictures is None:
         pictures = relief_pictures(surface, report, scan=scan, truth=truth, size=size)
     names = [name for name, _, _ in choose_viewpoints(surface)]

@@ -133,7 +133,7 @@ def _checked(points: Array) -> Array:
         raise InputError(f"points must have shape (N, 3), not {points.shape}")
     if not np.isfinite(points).all():
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
-        raise InputError(f"points must be finite, point {bad} is {points[bad]}")
+        raise InputError(f"points are not finite: point {bad} is {points[bad]}")
     if len(points) < 6:
         raise FitError(f"{len(points)} points are too few to fit a base; at least 6 are needed")
     if not 1e-100 < np.ptp(points, axis=0).max() < 1e100 and np.ptp(points, axis=0).max() > 0:

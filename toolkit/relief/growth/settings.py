@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from intaglio.checks import checked_choice, checked_count, checked_flag, checked_number, checked_positive
+from intaglio.checks import check_fields, checked_choice, checked_count, checked_number, checked_positive, shown
 from intaglio.errors import InputError
 
 RULES = ("near-best", "best-percent")
@@ -54,11 +52,12 @@ class Selection:
     eta: float = 10.0
 
     def __post_init__(self) -> None:
-        checked_choice("selection", self.rule, RULES)
+        check_fields(self)
+        checked_choice("selection rule", self.rule, RULES)
         object.__setattr__(self, "tolerance", checked_number("tolerance", self.tolerance, 0))
         eta = checked_number("eta", self.eta, 0, 100)
         if eta == 0:
-            raise InputError(f"eta must be a percentage above 0 and up to 100, not {self.eta!r}")
+            raise InputError(f"eta must be a percentage above 0 and up to 100, not {shown(self.eta)}")
         object.__setattr__(self, "eta", eta)
 
 
@@ -140,6 +139,8 @@ class ReliefSettings:
     engine: str = "auto"
 
     def __post_init__(self) -> None:
+        check_fields(self)
+
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
 
@@ -155,12 +156,6 @@ class ReliefSettings:
             put("color_weight", _color_share(self.color_weight))
         for name, known in (("metric", METRICS), ("order", ORDERS), ("search", SEARCHES), ("engine", ENGINES)):
             checked_choice(name, getattr(self, name), known)
-        if not isinstance(self.selection, Selection):
-            raise InputError(f"selection must be an intaglio.Selection, not {self.selection!r}")
-        for name in ("bootstrap", "along_relief"):
-            put(name, checked_flag(name, getattr(self, name)))
-        if self.oversample is not None:
-            put("oversample", checked_flag("oversample", self.oversample))
         self._check_together()
 
     @property
@@ -192,14 +187,10 @@ class ReliefSettings:
             other = "bootstrap" if self.bootstrap else "selection='best-percent'"
             raise InputError(f"{other} compares every sample: leave search at 'auto' or 'exhaustive'")
         if self.along_relief and self.levels == 1:
-            raise InputError("frames along the relief are turned by the coarser relief: give levels=2 or more")
+            raise InputError("along_relief turns frames by the coarser relief: give levels=2 or more")
 
 
 def _color_share(value: float) -> float:
-    try:
-        weight = float(value)
-    except (TypeError, ValueError):
-        weight = float("nan")
-    if not 0 <= weight <= 1 or isinstance(value, bool | np.bool_):
-        raise InputError(f"color_weight must be a number from 0 (shape alone) to 1 (colour alone), not {value!r}")
-    return weight
+    if not 0 <= value <= 1:
+        raise InputError(f"color_weight must be a number from 0 (shape alone) to 1 (colour alone), not {shown(value)}")
+    return float(value)
