@@ -228,7 +228,7 @@ def test_damaged_properties_of_our_own(tmp_path, old, new):
     data = (tmp_path / "s.ply").read_bytes()
     assert old in data
     (tmp_path / "s.ply").write_bytes(data.replace(old, new))
-    with pytest.raises(InputError, match="own (properties|comments)"):
+    with pytest.raises(InputError, match=r"own (properties|comments)"):
         intaglio.read_surface(tmp_path / "s.ply")
 
 

@@ -304,7 +304,7 @@ def checked_arguments(function: _Function) -> _Function:
     return cast("_Function", entered)
 
 
-def check_fields(record: Any, *, nan: bool = False) -> None:
+def check_fields(record: Any, *, nan: bool = False, gaps: tuple[str, ...] = ()) -> None:
     """Raise `InputError` unless the fields of a frozen dataclass are what their annotations say; arrays become plain ones.
 
     Parameters
@@ -313,6 +313,8 @@ def check_fields(record: Any, *, nan: bool = False) -> None:
         What is being made.
     nan : bool
         Whether values may be NaN, as figures of a report are where they have no meaning.
+    gaps : tuple of str
+        Fields whose arrays hold NaN where there is nothing.
     """
     scope = inspect.getmodule(type(record)).__dict__
     for field in dataclasses.fields(record):
@@ -321,7 +323,7 @@ def check_fields(record: Any, *, nan: bool = False) -> None:
         if unset or (nan and field.type in ("float", "float | None") and isinstance(value, float) and value != value):
             continue
         made = _checked_by(field.name, value, str(field.type), scope)
-        if not nan and isinstance(made, np.ndarray) and made.dtype.kind == "f" and np.isnan(made).any():
+        if not nan and field.name not in gaps and isinstance(made, np.ndarray) and made.dtype.kind == "f" and np.isnan(made).any():
             raise InputError(f"{field.name} holds NaN, {int(np.isnan(made).sum())} of {made.size} values")
         object.__setattr__(record, field.name, made)
 

@@ -3,6 +3,7 @@
 from intaglio.files.exr import read_exr, read_exr_header, write_exr
 from intaglio.files.image_kinds import IMAGE_SUFFIXES, READABLE_SUFFIXES
 from intaglio.files.images import read_image, read_samples, write_image, write_samples
+from intaglio.files.guard import guard_inputs, remove_unfinished
 from intaglio.files.limits import check_memory, limit_memory, memory_limit
 from intaglio.files.pages import inline_image, listing, picture_row, table, write_page
 from intaglio.files.paths import check_folder, check_readable, check_writable, whole_file, whole_folder
@@ -14,6 +15,7 @@ __all__ = [
     "check_memory",
     "check_readable",
     "check_writable",
+    "guard_inputs",
     "inline_image",
     "limit_memory",
     "listing",
@@ -23,6 +25,7 @@ __all__ = [
     "read_exr_header",
     "read_image",
     "read_samples",
+    "remove_unfinished",
     "table",
     "whole_file",
     "whole_folder",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from intaglio.arrays import PathLike
 from intaglio.errors import FileError
+from intaglio.files.guard import begin_unfinished, check_not_read, end_unfinished, forget_read, note_read
 
 
 def check_readable(path: PathLike) -> Path:
@@ -26,8 +26,11 @@ def check_readable(path: PathLike) -> Path:
         raise FileError(f"{path}: is a folder, a file is needed")
     if not os.access(path, os.R_OK):
         raise FileError(f"{path}: may not be read (permissions)")
+    if not path.is_file():
+        raise FileError(f"{path}: is no ordinary file but a device or pipe; give a file that can be read more than once")
     if path.stat().st_size == 0:
         raise FileError(f"{path}: the file is empty")
+    note_read(path)
     return path
 
 
@@ -54,6 +57,9 @@ def check_writable(path: PathLike, *, inputs: tuple[PathLike, ...] = ()) -> Path
     for given in inputs:
         if path.exists() and Path(given).exists() and os.path.samefile(path, given):
             raise FileError(f"{path}: is the input itself; inputs are never overwritten, give another output")
+    check_not_read(path)
+    if path.exists() and not path.is_file():
+        raise FileError(f"{path}: is no ordinary file but a device or pipe; give the name of a file")
     try:
         # The only sure test, also for root and on read-only file systems.
         with tempfile.TemporaryFile(dir=folder):
@@ -92,19 +98,23 @@ def check_folder(path: PathLike) -> Path:
 def whole_folder(folder: PathLike) -> Iterator[Path]:
     """Give an empty temporary folder inside ``folder`` whose content is moved into ``folder`` at the end, all or nothing.
 
-    Files and folders of the same names are replaced, others stay.
+    Files and folders of the same names are replaced, others stay. A folder that had to be made goes again if anything fails.
 
     Raises
     ------
     FileError
-        If ``folder`` can't be made or written to, a file would replace a folder or the other way round, or writing fails.
+        If ``folder`` can't be made or written to, a file would replace a folder or the other way round, a file that was read
+        would be replaced, or writing fails.
     """
     folder = Path(folder)
+    missing = [p for p in (folder, *folder.parents) if not p.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         beside = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
     except OSError as error:
+        _remove_empty(missing)
         raise FileError(f"{folder}: can't be written to ({error.strerror or error})") from error
+    begin_unfinished(beside)
     try:
         inside = beside / "new"
         inside.mkdir()
@@ -114,41 +124,64 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
             target = folder / path.name
             if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
                 raise FileError(f"{target}: is in the way and not a {'folder' if path.is_dir() else 'file'}; move it elsewhere")
+            # A folder is replaced with all that lies in it.
+            for file in [target, *target.rglob("*")] if target.is_dir() else [target]:
+                check_not_read(file)
         for path in made:
             _give_usual_permissions(path)
             target = folder / path.name
             if target.is_dir():
                 os.replace(target, beside / f"old-{path.name}")
             os.replace(path, target)
+        missing = []
     except OSError as error:
         if isinstance(error, FileError):
             raise
         raise FileError(f"{folder}: could not be written to ({error.strerror or error})") from error
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        end_unfinished(beside)
+        _remove_empty(missing)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders, inner ones first, as far as they are empty."""
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
 
 
 @contextmanager
 def whole_file(path: PathLike) -> Iterator[Path]:
     """Give a temporary path beside ``path``, which is renamed to ``path`` at the end, or removed if anything fails.
 
+    Where ``path`` is a link, the file that it leads to is written, and the link stays.
+
     Raises
     ------
     FileError
         If writing fails, as on a full disk; ``path`` is then as it was.
     """
-    path = Path(path)
-    check_writable(path)
-    handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
+    path = check_writable(path)
+    target = path.resolve() if path.is_symlink() else path
+    try:
+        handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=target.parent)
+    except OSError as error:
+        raise FileError(f"{path}: the folder {target.parent} can't be written to ({error.strerror or error})") from error
     beside = Path(name)
+    begin_unfinished(beside)
+    os.close(handle)
     try:
         yield beside
+        check_not_read(target)
+        # What was written may have been read again, by a library that checks or completes it; it is no input for that.
+        forget_read(beside)
         _give_usual_permissions(beside)
-        os.replace(beside, path)
+        os.replace(beside, target)
     except OSError as error:
         if isinstance(error, FileError):
             raise
         raise FileError(f"{path}: could not be written ({error.strerror or error})") from error
     finally:
-        beside.unlink(missing_ok=True)
+        end_unfinished(beside)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import struct
 from pathlib import Path
@@ -44,7 +45,12 @@ def read_gltf(path: Path) -> RawMesh:
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise FileError(f"{path}: is damaged ({_said(error)})") from error
     try:
-        loaded = trimesh.load(path, process=False, maintain_order=True, force="scene")
+        source: Path | io.BytesIO = path
+        if any("uri" in entry for name in ("buffers", "images") for entry in document.get(name) or ()):
+            # Names are resolved here: trimesh knows no escaped ones.
+            source = io.BytesIO(_self_contained(document, buffers, path))
+        kind = "gltf" if isinstance(source, io.BytesIO) else "glb"
+        loaded = trimesh.load(source, file_type=kind, process=False, maintain_order=True, force="scene")
         parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)]
         clouds = [part for part in loaded.dump() if isinstance(part, trimesh.PointCloud)]
     except MemoryError:
@@ -54,6 +60,25 @@ def read_gltf(path: Path) -> RawMesh:
     if not parts and not clouds:
         raise InputError("holds no mesh")
     return _joined(parts or clouds, _first_picture(document, buffers, path.parent))
+
+
+def _self_contained(document: dict[str, Any], buffers: list[bytes], path: Path) -> bytes:
+    """Return the JSON of a file with all that lies beside it, as far as it is there, inside."""
+
+    def inside(data: bytes) -> str:
+        return "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+
+    whole = dict(document)
+    whole["buffers"] = [{**entry, "uri": inside(data)} for entry, data in zip(document["buffers"], buffers, strict=True)]
+    images = []
+    for entry in document.get("images") or ():
+        try:
+            images.append({**entry, "uri": inside(_at_uri(entry["uri"], path))} if "uri" in entry else entry)
+        except FileError:
+            images.append(entry)
+    if images:
+        whole["images"] = images
+    return json.dumps(whole).encode()
 
 
 def _said(error: Exception) -> str:
@@ -72,9 +97,7 @@ def _document(path: Path) -> tuple[dict[str, Any], list[bytes]]:
         (length,) = struct.unpack("<I", content[8:12])
         size, kind = struct.unpack("<I4s", content[12:20])
         if length > len(content) or size > len(content) - 20 or kind != b"JSON":
-            raise FileError(
-                f"{path}: its header declares {length} bytes, it holds {len(content)}: the file is cut off or damaged"
-            )
+            raise FileError(f"{path}: its header declares {length} bytes, it holds {len(content)}: the file is cut off")
         text, rest = content[20 : 20 + size], content[20 + size :]
         if len(rest) >= 8:
             (wanted,) = struct.unpack("<I", rest[:4])
@@ -205,7 +228,7 @@ def _joined(parts: list[Any], pictures: list[bytes]) -> RawMesh:
         np.asarray(getattr(part, "faces", np.zeros((0, 3), int)), np.int64) + start
         for part, start in zip(parts, starts, strict=False)
     ]
-    uv, shown, notes = [], [], []
+    uv, notes = [], []
     for part, own in zip(parts, faces, strict=True):
         coordinates = getattr(part.visual, "uv", None)
         if coordinates is None or len(coordinates) != len(part.vertices):
@@ -224,7 +247,6 @@ def _joined(parts: list[Any], pictures: list[bytes]) -> RawMesh:
         )
     if textured and not pictures:
         notes.append("the mesh has texture coordinates but no picture; it is read without its colours")
-    shown = None
     if textured and len(pictures) > 1:
         color = _sampled(parts, colors)
         pictures = []
@@ -235,7 +257,6 @@ def _joined(parts: list[Any], pictures: list[bytes]) -> RawMesh:
         color=color,
         uv=np.concatenate(uv) if textured else None,
         pictures=tuple(pictures),
-        picture=shown,
         notes=tuple(notes),
     )
 

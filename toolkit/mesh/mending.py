@@ -13,6 +13,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from intaglio.arrays import Array
+from intaglio.checks import checked_arguments
 from intaglio.errors import InputError
 from intaglio.mesh.surface import PER_VERTEX, Surface
 from intaglio.mesh.topology import directed_edges, following, opposite_edges
@@ -45,6 +46,7 @@ class Mending:
     notes: tuple[str, ...]
 
 
+@checked_arguments
 def mend_surface(surface: Surface, *, strict: bool = False) -> Surface:
     """Return a surface whose faces join as those of a manifold; no vertex moves.
 

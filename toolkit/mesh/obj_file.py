@@ -116,7 +116,7 @@ def _numbers(path: Path, text: bytes, what: str) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
-            return np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)  # type: ignore[arg-type]
+            return np.fromstring(text, np.float64, sep=" ") if text.strip() else np.zeros(0)
         except (DeprecationWarning, ValueError):
             pass
     for word in text.split():

@@ -237,7 +237,7 @@ class _TextRows(_Rows):
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)
             try:
-                self.values = np.fromstring(body, np.float64, sep=" ") if body.strip() else np.zeros(0)  # type: ignore[arg-type]
+                self.values = np.fromstring(body, np.float64, sep=" ") if body.strip() else np.zeros(0)
             except (DeprecationWarning, ValueError) as error:
                 raise FileError(f"{path}: {_bad_word(body)}") from error
         super().__init__(path, len(self.values))

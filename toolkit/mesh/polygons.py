@@ -10,8 +10,8 @@ from intaglio.arrays import Array
 def polygon_triangles(counts: Array, vertices: Array, points: Array) -> Array:
     """Return triangles over the corners of polygons.
 
-    A quadrangle is cut along the diagonal that leaves both halves facing as it does, the shorter one if both do; a polygon of more
-    corners from its first corner if it is convex, else by cutting off ears.
+    A quadrangle is cut along the diagonal that leaves both halves facing as it does, the shorter one if both do; a polygon of
+    more corners from its first corner if it is convex, else by cutting off ears.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def strip_triangles(strip: Array) -> Array:
 
 def _cut(corners: Array, points: Array) -> Array:
     """Return the triangles (P, size - 2, 3) of polygons of one size, from corners (P, size) and their points (P, size, 3)."""
-    count, size = corners.shape
+    size = corners.shape[1]
     edges = np.roll(points, -1, axis=1) - points
     # Newell's normal, which is right for polygons that are neither flat nor convex.
     normal = np.cross(points - points[:, :1], np.roll(points, -1, axis=1) - points[:, :1]).sum(axis=1)

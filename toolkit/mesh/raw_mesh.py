@@ -101,10 +101,7 @@ class RawMesh:
 
 def samples_of(picture: Path | bytes) -> Array:
     """Return the samples (H, W, C) of an image file or of its content."""
-    if isinstance(picture, bytes):
-        image = image_from_bytes(picture)
-    else:
-        image = read_samples(picture)
+    image = image_from_bytes(picture) if isinstance(picture, bytes) else read_samples(picture)
     return image[:, :, None] if image.ndim == 2 else image
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_flag
+from intaglio.checks import checked_arguments, checked_flag
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
 from intaglio.kernels.transfer import decode_srgb
@@ -37,6 +37,7 @@ _VERTEX_UV_NAMES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
 _COLOR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 
 
+@checked_arguments
 def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict: bool = False) -> Surface:
     r"""Read a surface from a file.
 
@@ -49,8 +50,8 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict:
     Parameters
     ----------
     path : path
-        The file: .ply, .obj, .stl, .off, .gltf or .glb, or a file of points (.las, .laz, .e57, .xyz, .pts, .ptx, .pcd, .txt, .csv,
-        .asc). Polygons and triangle strips are cut to triangles; several meshes in one file are joined.
+        The file: .ply, .obj, .stl, .off, .gltf or .glb, or a file of points (.las, .laz, .e57, .xyz, .pts, .ptx, .pcd, .txt,
+        .csv, .asc). Polygons and triangle strips are cut to triangles; several meshes in one file are joined.
     view : (3,) sequence, optional
         For a point cloud: the direction of sight, from the scanner to the object; default from the scanner's position, where the
         file has one. For a range grid: where the scanner
@@ -226,8 +227,8 @@ def _raw_from_ply(ply: Ply, path: Path) -> RawMesh:
         if len(pictures) < max(len(named), 1):
             missing = ", ".join(name for name, at in zip(named, found, strict=True) if at is None)
             notes.append(
-                f"the mesh has texture coordinates but no picture{f': {missing} not found' if missing else ''}; it is read without "
-                "its colours"
+                f"the mesh has texture coordinates but no picture{f': {missing} not found' if missing else ''}; it is read "
+                "without its colours"
             )
     shown = None
     if len(pictures) > 1:

@@ -109,7 +109,7 @@ class Surface:
         def put(name: str, value: Array) -> None:
             object.__setattr__(self, name, value)
 
-        check_fields(self)
+        check_fields(self, gaps=("uv",))
         vertices = checked_rows("vertices", self.vertices, np.float64)
         count = len(vertices)
         put("vertices", vertices)
@@ -135,7 +135,7 @@ class Surface:
                 continue
             put(name, checked_shape(name, value, dtype, (count,)))
         if self.uv is not None:
-            uv = checked_numeric("uv", self.uv, np.float64)
+            uv = np.ascontiguousarray(self.uv, np.float64)
             if uv.shape != (len(self.faces), 3, 2):
                 raise InputError(f"uv must have shape ({len(self.faces)}, 3, 2), two numbers for every corner, not {uv.shape}")
             put("uv", uv)

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_arguments
 from intaglio.errors import FileError, InputError, IntaglioWarning
-from intaglio.files import whole_file
+from intaglio.files import check_writable, whole_file
 from intaglio.kernels.transfer import encode_srgb
+from intaglio.mesh.textured_writing import material_file, material_text, picture_file, ply_faces, textured_gltf, textured_obj
 from intaglio.mesh.topology import unique_edges, used_vertices
 
 if TYPE_CHECKING:
@@ -25,13 +27,15 @@ _SINGLE = (".stl", ".gltf", ".glb")
 _COARSE = 1e-3
 
 
+@checked_arguments
 def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -> None:
     """Write a surface to a file.
 
     PLY (binary, double precision) keeps everything: per vertex ``base_x`` … ``base_z``, ``nx`` … ``nz`` (the base's normal),
     ``measured``, ``source``, ``rotation``, ``error`` and ``red``, ``green``, ``blue`` (8-bit sRGB, for other programs) with
     ``linear_red`` … (float, what is read back); the model and the notes as comments. The other types keep positions,
-    faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single precision.
+    faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single precision. Texture coordinates and their
+    picture are kept by PLY and OBJ, with the picture beside the file, and by glTF inside it.
 
     Parameters
     ----------
@@ -53,7 +57,7 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
     -----
     IntaglioWarning
         If the single precision of STL or glTF would round coordinates visibly: to steps of more than a thousandth of the
-        median edge.
+        median edge; if STL or OFF drop texture coordinates.
 
     Examples
     --------
@@ -78,9 +82,25 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
         raise FileError(f"{path}: exists already; give another name or allow overwriting")
     if kind in _SINGLE:
         check_single_precision(surface, path)
+    textured = surface.uv is not None and bool(np.isfinite(surface.uv).all(axis=(1, 2)).any())
+    picture = None if surface.picture is None or not textured else picture_file(path, surface.picture)
+    if textured and kind in (".stl", ".off"):
+        warnings.warn(f"{path}: {kind} holds no texture coordinates and no picture; write .ply, .obj or .glb", IntaglioWarning, 2)
+    if picture is not None and kind in (".ply", ".obj"):
+        for file in (picture, *([material_file(path)] if kind == ".obj" else [])):
+            check_writable(file)
+        with whole_file(picture) as beside:
+            beside.write_bytes(surface.picture or b"")
+    if kind == ".obj" and picture is not None:
+        with whole_file(material_file(path)) as beside:
+            beside.write_text(material_text(picture.name), "utf-8")
     with whole_file(path) as beside:
         if kind == ".ply":
-            _write_ply(surface, beside)
+            _write_ply(surface, beside, picture)
+        elif textured and kind == ".obj":
+            beside.write_text(textured_obj(surface, None if picture is None else material_file(path).name), "utf-8")
+        elif textured and kind in (".glb", ".gltf"):
+            beside.write_bytes(textured_gltf(surface, kind))
         else:
             _write_trimesh(surface, beside, kind)
 
@@ -100,16 +120,18 @@ def check_single_precision(surface: Surface, path: Path) -> None:
             f"{path}: {path.suffix} holds single precision, coordinates near {largest:.3g} are rounded to {step:.2g} "
             f"(typical edge {typical:.3g}); write .ply to keep them",
             IntaglioWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
-def _write_ply(surface: Surface, path: Path) -> None:
+def _write_ply(surface: Surface, path: Path, picture: Path | None) -> None:
     names = ["x", "y", "z", "nx", "ny", "nz", "base_x", "base_y", "base_z"]
     columns = np.concatenate([surface.vertices, surface.normal, surface.base], axis=1)
     fields: list[tuple[str, str, Array]] = [(n, "double", columns[:, i]) for i, n in enumerate(names)]
     fields.append(("measured", "uchar", surface.measured.astype(np.uint8)))
     fields.append(("source", "int", surface.source))
+    if surface.file_vertex is not None:
+        fields.append(("file_vertex", "int", surface.file_vertex))
     for name in ("rotation", "error"):
         value = getattr(surface, name)
         if value is not None:
@@ -117,20 +139,22 @@ def _write_ply(surface: Surface, path: Path) -> None:
     if surface.color is not None:
         fields += color_fields(surface.color)
     table, properties = ply_table(fields, len(surface.vertices))
-    faces = np.empty(len(surface.faces), [("count", "u1"), ("index", "<i4", (3,))])
-    faces["count"] = 3
-    faces["index"] = surface.faces
     header = ["ply", "format binary_little_endian 1.0", "comment intaglio surface"]
     if surface.model is not None:
         header.append(f"comment model {json.dumps(_model_record(surface.model))}")
     header += [f"comment note {json.dumps(note)}" for note in surface.notes]
+    if picture is not None:
+        header.append(f"comment TextureFile {picture.name}")
     header.append(f"element vertex {len(table)}")
     header += properties
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header", ""]
+    header += [f"element face {len(surface.faces)}", "property list uchar int vertex_indices"]
+    if surface.uv is not None:
+        header.append("property list uchar float texcoord")
+    header += ["end_header", ""]
     with open(path, "wb") as file:
-        file.write("\n".join(header).encode("ascii"))
+        file.write("\n".join(header).encode("utf-8"))
         file.write(table.tobytes())
-        file.write(faces.tobytes())
+        file.write(ply_faces(surface))
 
 
 def color_fields(color: Array) -> list[tuple[str, str, Array]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_choice, checked_positive
+from intaglio.checks import check_fields, checked_arguments, checked_choice, checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.mesh import Base, SmoothBase, Surface, border_edges
@@ -37,6 +37,7 @@ _NO_RELIEF = 1e-4
 _OVERSAMPLE_UP_TO = 100_000
 
 
+@checked_arguments
 def complete_relief(
     surface: Surface,
     base: Base | str = "auto",
@@ -137,6 +138,7 @@ def complete_relief(
     return prepared.complete(settings, seed=seed, progress=progress)
 
 
+@checked_arguments
 def prepare_relief(
     surface: Surface,
     base: Base | str = "auto",
@@ -250,6 +252,9 @@ class PreparedRelief:
     options: GroundOptions
     device: str
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+
     @property
     def base(self) -> Base:
         """The smooth base, with its fit if it was fitted.
@@ -322,6 +327,7 @@ class PreparedRelief:
         """
         return self.ground.notes
 
+    @checked_arguments
     def complete(
         self,
         settings: ReliefSettings | None = None,
@@ -395,7 +401,7 @@ class PreparedRelief:
             notes += ("the scan has no relief over its base: what was filled is the smooth surface",)
         if stage.growth.orphans:
             notes += (f"{stage.growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-        return _assemble(ground, stage, notes)
+        return _assemble(self.surface, ground, stage, notes)
 
     def _resources(self, settings: ReliefSettings, seed: int, memory: float | None) -> Resources:
         """Return what the work may use, checked against the settings."""
@@ -494,7 +500,7 @@ def _account(
     )
 
 
-def _assemble(ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
+def _assemble(scan: Surface, ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
     """Return the surface that the scan and the grown relief make together."""
     state = stage.growth.state
     vertices = ground.vertices.copy()
@@ -504,6 +510,17 @@ def _assemble(ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
         foot = foot + shift_to_rim(ground, state, stage.samples)[:, None] * ground.normal
         model = replace(model, vertices=foot)
     vertices[filled] = foot[filled] + state.height[filled, None] * ground.normal[filled]
+    uv = None
+    if scan.uv is not None:
+        # The scan's faces come first, in their order; what was filled has no place in the texture.
+        uv = np.full((len(ground.faces), 3, 2), np.nan)
+        own = ground.kept[scan.faces].all(axis=1)
+        uv[: int(own.sum())] = scan.uv[own]
+    file_vertex = None
+    if scan.file_vertex is not None or not ground.kept.all():
+        file_vertex = np.full(len(vertices), -1)
+        numbers = np.arange(len(ground.kept)) if scan.file_vertex is None else scan.file_vertex
+        file_vertex[: int(ground.kept.sum())] = numbers[ground.kept]
     return Surface(
         vertices=vertices,
         faces=ground.faces,
@@ -516,4 +533,7 @@ def _assemble(ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
         error=state.error,
         model=model,
         notes=ground.notes + notes,
+        uv=uv,
+        picture=scan.picture,
+        file_vertex=file_vertex,
     )

@@ -1,0 +1,320 @@
+"""What mesh files hold, as other programs write them, and what is refused because it is damaged."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+
+import numpy as np
+import pytest
+
+import intaglio
+from intaglio import IntaglioError, IntaglioWarning
+from intaglio.kernels.transfer import decode_srgb
+from intaglio.mesh import read_mesh_file
+from intaglio.mesh.ply_file import read_ply
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0.5, 0]], float)
+
+
+def write(path, content):
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def png(color=(255, 0, 0), size=(2, 2)):
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    Image.fromarray(np.tile(np.uint8(color), (*size, 1))).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def ply(order, polygons, extra=b"", strips=()):
+    """Return a PLY of CORNERS with polygons of any size, and triangle strips."""
+    name = {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    head = f"ply\nformat {name} 1.0\nelement vertex {len(CORNERS)}\n" + "".join(f"property float {c}\n" for c in "xyz")
+    head += f"element face {len(polygons)}\nproperty uchar flag\nproperty list uchar int vertex_indices\n"
+    head += f"element tristrips {len(strips)}\nproperty list int int vertex_indices\nend_header\n"
+    if not order:
+        rows = [" ".join(map(str, c)) for c in CORNERS]
+        rows += [" ".join(map(str, (7, len(p), *p))) for p in polygons]
+        rows += [" ".join(map(str, (len(s), *s))) for s in strips]
+        return head.encode() + "\n".join(rows).encode() + extra
+    body = CORNERS.astype(f"{order}f4").tobytes()
+    body += b"".join(struct.pack(f"{order}BB{len(p)}i", 7, len(p), *p) for p in polygons)
+    body += b"".join(struct.pack(f"{order}i{len(s)}i", len(s), *s) for s in strips)
+    return head.encode() + body + extra
+
+
+@pytest.mark.parametrize("order", ["", "<", ">"])
+def test_ply_polygons_and_strips(tmp_path, order):
+    path = write(tmp_path / "a.ply", ply(order, [(0, 1, 2, 3), (1, 4, 2), (0, 1)], strips=[(0, 1, 3, 2, -1, 1, 4, 2)]))
+    raw = read_mesh_file(path)
+    np.testing.assert_array_equal(raw.vertices, CORNERS)
+    assert raw.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [0, 1, 3], [3, 1, 2], [1, 4, 2]]
+    assert raw.notes == ("1 faces of fewer than three corners left out",)
+    surface = intaglio.read_surface(path)
+    assert "mended: 1 repeated face left out" in surface.notes
+
+
+@pytest.mark.parametrize("order", ["", "<", ">"])
+def test_lists_of_every_length_in_any_order(tmp_path, order):
+    random = np.random.default_rng(0)
+    lengths = np.concatenate([np.full(6000, 3), random.integers(0, 6, 900), np.full(5000, 4)])
+    polygons = [tuple(random.integers(0, 5, n).tolist()) for n in lengths]
+    lists = read_ply(write(tmp_path / "a.ply", ply(order, polygons))).lists("face", "vertex_indices")
+    np.testing.assert_array_equal(lists.counts, lengths)
+    np.testing.assert_array_equal(lists.values, [v for p in polygons for v in p])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda b: b[:-3], "cut off"),
+        (lambda b: b.replace(b"element face 2", b"element face"), "no PLY"),
+        (lambda b: b.replace(b"element face 2", b"element face 2000000000"), "can't hold"),
+        (lambda b: b.replace(b"element face 2", b"element face -2"), "no PLY"),
+        (lambda b: b.replace(b"property float y", b"property float x"), "twice"),
+        (lambda b: b.replace(b"format ", b"fromat "), "no PLY"),
+        (lambda b: b.replace(b"int vertex_indices", b"float vertex_indices", 1), "fractional|names vertex"),
+        (lambda b: b.replace(b"property float x", b"property text x"), "no PLY"),
+    ],
+)
+@pytest.mark.parametrize("order", ["", "<"])
+def test_damaged_ply(tmp_path, order, change, message):
+    path = write(tmp_path / "a.ply", change(ply(order, [(0, 1, 2), (1, 4, 2)])))
+    with pytest.raises(IntaglioError, match=rf"a\.ply: .*({message})") as caught:
+        intaglio.read_surface(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_ply_colours_of_every_kind(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
+    tail = "element face 1\nproperty list uchar int vertex_index\n{}end_header\n"
+    for kind, values in (("uchar", "51 102 255"), ("ushort", "13107 26214 65535"), ("float", "0.2 0.4 1.0")):
+        colors = "".join(f"property {kind} {c}\n" for c in ("red", "green", "blue"))
+        rows = "\n".join(f"{x} {y} 0 {values}" for x, y in ((0, 0), (1, 0), (0, 1)))
+        raw = read_mesh_file(write(tmp_path / "a.ply", head + colors + tail.format("") + rows + "\n3 0 1 2\n"))
+        np.testing.assert_allclose(raw.color, decode_srgb(np.tile(np.float32([0.2, 0.4, 1]), (3, 1))), atol=1e-6)
+    at_face = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+    raw = read_mesh_file(write(tmp_path / "a.ply", head + tail.format(at_face) + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 51 102 255\n"))
+    np.testing.assert_allclose(raw.color, decode_srgb(np.tile(np.float32([0.2, 0.4, 1]), (3, 1))), atol=1e-6)
+
+
+OBJ = """# quads, negative numbers, comments, continued lines, materials
+mtllib my materials.mtl
+o first
+v 0 0 0 # a corner
+v 1 0 0
+v 1 1 0
+v 0 1 0
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+vn 0 0 1
+usemtl red
+f 1/1/1 2/2/1 \\
+3/3/1 4/4/1
+o second
+v 2 0.5 0
+f -4//1 -1//1 -3//1
+l 1 2
+"""
+
+
+def test_obj(tmp_path):
+    write(tmp_path / "My Materials.MTL", "newmtl red\nmap_Kd textures\\Red Wall.png\n")
+    (tmp_path / "textures").mkdir()
+    write(tmp_path / "textures" / "Red Wall.png", png())
+    raw = read_mesh_file(write(tmp_path / "a.obj", OBJ))
+    np.testing.assert_array_equal(raw.vertices, CORNERS)
+    assert raw.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
+    assert raw.uv[:2].tolist() == [[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]]
+    assert np.isnan(raw.uv[2]).all()
+    assert raw.notes == ("1 lines of curves, patches, lines or points left out",)
+    surface = intaglio.read_surface(tmp_path / "a.obj")
+    np.testing.assert_array_equal(surface.color[:4], np.tile([1.0, 0, 0], (4, 1)))
+    assert surface.picture == png()
+    (tmp_path / "textures" / "Red Wall.png").unlink()
+    assert any("Red Wall.png not found" in note for note in intaglio.read_surface(tmp_path / "a.obj").notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "is 0 in face 1"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "is 4 in face 1; there are 3"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n", "is -4 in face 1"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "'x'"),
+        ("v 0 0 0\nv 1 zero 0\nv 0 1 0\nf 1 2 3\n", "'zero'"),
+        ("v 0 0\nv 1 0\n", "has 2 numbers"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/2/3/4 2 3\n", "corners are v, v/vt"),
+        ("hello\n", "no vertices"),
+        ("\0\0\0\0", "not text"),
+    ],
+)
+def test_damaged_obj(tmp_path, text, message):
+    with pytest.raises(IntaglioError, match=message):
+        intaglio.read_surface(write(tmp_path / "a.obj", text))
+
+
+def test_obj_vertices_with_colours(tmp_path):
+    text = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0\nf 1 2 3\n"
+    color = intaglio.read_surface(write(tmp_path / "a.obj", text)).color
+    np.testing.assert_array_equal(color, [[1, 0, 0], [0, 1, 0], [0, 0, 0]])
+
+
+def test_off(tmp_path):
+    text = (
+        "COFF # colours\n5 2 0\n"
+        + "".join(f"{x} {y} {z} 255 0 0 255\n" for x, y, z in CORNERS)
+        + "4 0 1 2 3\n3 1 4 2 0.1 0.2 0.3\n"
+    )
+    raw = read_mesh_file(write(tmp_path / "a.off", text))
+    np.testing.assert_array_equal(raw.vertices, CORNERS)
+    assert raw.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
+    np.testing.assert_array_equal(raw.color, np.tile([1.0, 0, 0], (5, 1)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("OFF\n5 1 0\n0 0 0\n1 0 0\n", "cut off"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1\n", "declares 3 corners"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", "vertex -1"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 x\n0 1 0\n3 0 1 2\n", "'x'"),
+        ("OFF BINARY\n3 1 0\n", "binary"),
+        ("NOT\n3 1 0\n", "OFF"),
+    ],
+)
+def test_damaged_off(tmp_path, text, message):
+    with pytest.raises(IntaglioError, match=message):
+        intaglio.read_surface(write(tmp_path / "a.off", text))
+
+
+def test_stl_of_both_kinds(tmp_path):
+    corners = CORNERS[[[0, 1, 2], [0, 2, 3]]]
+    record = np.zeros(2, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    record["corners"] = corners
+    binary = b"solid in name only".ljust(80) + struct.pack("<I", 2) + record.tobytes()
+    facets = "".join(
+        "facet normal 0 0 1\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in c) + "endloop\nendfacet\n"
+        for c in corners
+    )
+    for content in (binary, f"solid a\n{facets}endsolid a\n"):
+        raw = read_mesh_file(write(tmp_path / "a.stl", content))
+        np.testing.assert_array_equal(raw.vertices, CORNERS[:4])
+        assert raw.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    for content in (binary[:-1], f"solid a\n{facets}"[:-90], b"noise" * 30):
+        with pytest.raises(IntaglioError, match="cut off"):
+            intaglio.read_surface(write(tmp_path / "a.stl", content))
+
+
+def gltf(path, change=lambda d: None, picture=None):
+    """Write a glTF file of two triangles with texture coordinates."""
+    uv = np.float32([[0, 0], [1, 0], [1, 1], [0, 1]])
+    data = CORNERS[:4].astype("<f4").tobytes() + uv.tobytes() + np.array([0, 1, 2, 0, 2, 3], "<u2").tobytes()
+    (path.parent / "my data.bin").write_bytes(data)
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "my%20wall.png"}],
+        "buffers": [{"uri": "my%20data.bin", "byteLength": len(data)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 32},
+            {"buffer": 0, "byteOffset": 80, "byteLength": 12},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]},
+            {"bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+    }
+    change(document)
+    (path.parent / "my wall.png").write_bytes(png((0, 255, 0)) if picture is None else picture)
+    return write(path, json.dumps(document))
+
+
+def test_gltf_with_files_beside_it(tmp_path):
+    surface = intaglio.read_surface(gltf(tmp_path / "a.gltf"))
+    np.testing.assert_array_equal(surface.vertices, CORNERS[:4])
+    assert surface.picture == png((0, 255, 0))
+    np.testing.assert_array_equal(surface.color, np.tile([0.0, 1, 0], (4, 1)))
+    # glTF counts v downwards, Intaglio upwards.
+    assert surface.uv[0].tolist() == [[0, 1], [1, 1], [1, 0]]
+
+
+def set_at(*way):
+    *way, value = way
+
+    def change(document):
+        for step in way[:-1]:
+            document = document[step]
+        document[way[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        set_at("accessors", 0, "bufferView", -1),
+        set_at("accessors", 0, "count", 10**9),
+        set_at("accessors", 0, "count", -1),
+        set_at("bufferViews", 0, "byteOffset", -8),
+        set_at("bufferViews", 2, "byteLength", 100),
+        set_at("buffers", 0, "byteLength", 1000),
+        set_at("buffers", 0, "uri", "missing.bin"),
+        set_at("nodes", [{"mesh": 0, "children": [0]}]),
+        set_at("nodes", 0, "mesh", -1),
+        set_at("scene", 4),
+        set_at("meshes", [{}]),
+        set_at("asset", 3),
+        set_at("extensionsRequired", ["KHR_draco_mesh_compression"]),
+    ],
+)
+def test_damaged_gltf(tmp_path, change):
+    with pytest.raises(IntaglioError, match=r"a\.gltf|missing\.bin") as caught:
+        intaglio.read_surface(gltf(tmp_path / "a.gltf", change))
+    assert "\n" not in str(caught.value)
+
+
+def textured():
+    """Two triangles with a seam between them, colours and a picture."""
+    uv = np.array([[[0, 0], [0.5, 0], [0.5, 1]], [[0.5, 0], [1, 1], [0.5, 1]]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    return intaglio.Surface(vertices=CORNERS[:4], faces=faces, color=np.tile([1.0, 0, 0], (4, 1)), uv=uv, picture=png())
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.obj", "a.glb", "a.gltf"])
+def test_texture_and_colours_come_back(tmp_path, name):
+    surface = textured()
+    surface.write(tmp_path / name)
+    back = intaglio.read_surface(tmp_path / name)
+    np.testing.assert_array_equal(back.vertices, surface.vertices)
+    np.testing.assert_array_equal(back.faces, surface.faces)
+    np.testing.assert_allclose(back.uv, surface.uv, atol=1e-7)
+    assert back.picture == surface.picture
+    np.testing.assert_allclose(back.color, surface.color, atol=1e-6)
+
+
+def test_a_texture_that_a_type_cannot_hold_is_said(tmp_path):
+    for name in ("a.stl", "a.off"):
+        with pytest.warns(IntaglioWarning, match=r"texture"):
+            textured().write(tmp_path / name)
+
+
+def test_the_vertices_of_the_file_come_back(tmp_path):
+    whole = intaglio.read_surface(write(tmp_path / "a.ply", ply("<", [(0, 1, 2), (0, 1, 4), (1, 0, 3)])))
+    assert whole.file_vertex is not None
+    whole.write(tmp_path / "b.ply")
+    np.testing.assert_array_equal(intaglio.read_surface(tmp_path / "b.ply").file_vertex, whole.file_vertex)

@@ -1,0 +1,99 @@
+"""What a run reads and what it leaves behind: inputs that no output may replace, and unfinished files that no end may leave."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+from intaglio.arrays import PathLike
+from intaglio.errors import FileError
+
+# Files that were read while inputs are guarded, by device and number: whatever name or link leads to one.
+_read: set[tuple[int, int]] = set()
+_guarding = False
+_hooked = False
+
+_unfinished: set[Path] = set()
+_lock = threading.Lock()
+
+
+def guard_inputs(on: bool = True) -> None:
+    """From now on refuse to replace any file that this process has read since; ``on=False`` ends that and forgets them.
+
+    Files that Python opens are noticed whoever opens them: a reader, or a library that it calls. Those that compiled code
+    opens are noticed by `check_readable`, which every reader calls.
+    """
+    global _guarding, _hooked
+    _guarding = on
+    _read.clear()
+    if on and not _hooked:
+        # There is no way to remove a hook; it does nothing while inputs are not guarded.
+        sys.addaudithook(_notice)
+        _hooked = True
+
+
+def _notice(event: str, arguments: tuple[Any, ...]) -> None:
+    """Remember a file that is opened for reading."""
+    if event != "open" or not _guarding:
+        return
+    path, mode, flags = arguments
+    reading = "r" in mode if isinstance(mode, str) else not (isinstance(flags, int) and flags & (os.O_WRONLY | os.O_CREAT))
+    if reading and not (isinstance(mode, str) and "+" in mode) and isinstance(path, str | bytes | os.PathLike):
+        note_read(os.fsdecode(path))
+
+
+def note_read(path: PathLike) -> None:
+    """Remember a file as one that was read."""
+    if _guarding:
+        identity = _identity(path)
+        if identity is not None:
+            _read.add(identity)
+
+
+def forget_read(path: PathLike) -> None:
+    """Forget that a file was read."""
+    _read.discard(_identity(path) or (-1, -1))
+
+
+def check_not_read(path: PathLike) -> None:
+    """Raise `FileError` if writing ``path`` would replace a file that was read."""
+    if _guarding and _identity(path) in _read:
+        raise FileError(f"{path}: is one of the inputs; inputs are never overwritten, give another output")
+
+
+def _identity(path: PathLike) -> tuple[int, int] | None:
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return found.st_dev, found.st_ino
+
+
+def begin_unfinished(path: Path) -> None:
+    """Remember a file or folder that has to go if the work on it does not end."""
+    with _lock:
+        _unfinished.add(path)
+
+
+def end_unfinished(path: Path) -> None:
+    """Remove a file or folder of `begin_unfinished`, if it is still there."""
+    _remove(path)
+    with _lock:
+        _unfinished.discard(path)
+
+
+def remove_unfinished() -> None:
+    """Remove all that was begun and is not finished: for a process that is about to be ended from outside."""
+    for path in list(_unfinished):
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
