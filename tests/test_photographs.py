@@ -59,8 +59,9 @@ def seen_by(surface, camera, exposure=1.0, alpha=True):
     """Return a photograph of a surface whose colour is `color_at`: by rays through pixel centres, without noise."""
     height, width = camera.size
     x, y = np.meshgrid(np.arange(width), np.arange(height))
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3) @ np.linalg.inv(camera.K).T @ camera.R
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = camera.unproject(np.stack([x, y], axis=-1).reshape(-1, 2))
+    # What a lens shows nothing of looks back, where nothing is.
+    rays = np.where(np.isnan(rays), -camera.R[2], rays)
     mesh = wp.Mesh(
         points=wp.array(surface.vertices.astype(np.float32), dtype=wp.vec3, device="cpu"),
         indices=wp.array(surface.faces.reshape(-1), dtype=wp.int32, device="cpu"),
@@ -431,7 +432,7 @@ def test_a_camera_that_looks_away_is_left_out_with_a_warning():
         ({"size": 4}, "size"),
         ({"size": "large"}, "size"),
         ({"select": "all"}, "select"),
-        ({"binding": True}, "binding must come"),
+        ({"binding": True}, "binding must be"),
         ({"blend": "poisson"}, "blend"),
         ({"uv": np.full((642, 2), 3.0)}, "in \\[0, 1\\]"),
         ({"uv": np.zeros((5, 2))}, "uv must be"),

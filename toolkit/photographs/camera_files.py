@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import PathLike
-from intaglio.checks import checked_flag
+from intaglio.checks import checked_arguments
 from intaglio.errors import FileError, InputError, IntaglioWarning
 from intaglio.files import check_readable
 from intaglio.photographs.camera import Camera, Photograph
@@ -61,6 +61,7 @@ _PLACES = (
 _ENDINGS = ("_par.txt", ".sfm", ".nvm", ".out", ".xml", ".csv", ".json")
 
 
+@checked_arguments
 def read_photographs(path: PathLike, *, images: PathLike | None = None, strict: bool = False) -> list[Photograph]:
     """Read cameras and find their photographs; the pictures themselves are read when they are needed.
 
@@ -122,8 +123,7 @@ def read_photographs(path: PathLike, *, images: PathLike | None = None, strict: 
     >>> photographs[0].name, shape
     ('front.png', (8, 8, 3))
     """
-    checked_flag("strict", strict)
-    path, folder = _path("path", path), None if images is None else _path("images", images)
+    path, folder = Path(path), None if images is None else Path(images)
     if folder is not None and not folder.is_dir():
         raise FileError(f"{folder}: is not a folder")
     path, reader = _reader(path)
@@ -140,17 +140,12 @@ def read_photographs(path: PathLike, *, images: PathLike | None = None, strict: 
     names = [view.name for view in views.views]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: names a view twice: {short(next(n for n in names if names.count(n) > 1))}")
-    found, notes = _photographs(path, views, PictureFolders(path, folder, views.folders), strict)
+    found, notes = _photographs(
+        path, views, PictureFolders(path if path.is_dir() else path.parent, folder, views.folders), strict
+    )
     for note in (*views.notes, *notes):
-        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=2)
+        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=3)
     return found
-
-
-def _path(name: str, value: PathLike) -> Path:
-    try:
-        return Path(value)
-    except TypeError as problem:
-        raise InputError(f"{name} must be a path, not {type(value).__name__}") from problem
 
 
 def _reader(path: Path) -> tuple[Path, Callable[[Path], Views]]:

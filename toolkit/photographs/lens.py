@@ -122,8 +122,9 @@ def undistort(lens: tuple[int, Array], points: Array, reach: float) -> Array:
             factor = np.where(far < np.pi / 2, np.tan(far) / np.where(far > 0, 2 * r * np.tan(abs(c[0]) / 2), 1), np.nan)
             factor = np.where(far > 1e-9, factor, c[0] / (2 * np.tan(c[0] / 2)) if c[0] else 1.0)
         elif family == DIVISION:
+            # Beyond r' = 1 / sqrt(k), where 1 + k r'^2 is 2, points would come back to the axis.
             under = 1 + c[0] * r**2
-            factor = np.where(under > 0, 1 / under, np.nan)
+            factor = np.where((under > 0) & (under <= 2 * (1 + 1e-12)), 1 / under, np.nan)
         elif family == UNIFIED:
             alpha, beta = c[0], c[1]
             inner = 1 - (2 * alpha - 1) * beta * r**2
@@ -226,7 +227,9 @@ def _unfolded(c: Array, limit: float) -> float:
     angle = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
     at = r[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     change = _polynomial(c, at.reshape(-1, 2))[1]
-    fine = (np.linalg.det(change) > 0).reshape(len(r), -1).all(axis=1)
+    with np.errstate(all="ignore"):
+        det = change[:, 0, 0] * change[:, 1, 1] - change[:, 0, 1] * change[:, 1, 0]
+    fine = (det > 0).reshape(len(r), -1).all(axis=1)
     return limit if fine.all() else float(np.concatenate([[0.0], r])[int(np.argmin(fine))])
 
 

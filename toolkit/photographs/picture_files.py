@@ -24,7 +24,12 @@ _OTHERS = ("mask", "depth", "normal", "confidence", "semantic")
 # Folders that structure-from-motion programs put their results into, below the project's own.
 _RESULTS = ("sparse", "colmap", "dense", "model", "models", "sfm", "bundle", "reconstruction", "text", "txt", "cameras")
 
-_EXIF_ORIENTATION = 0x0112
+# Pillow's names of image types whose header gives the size in which the pixels are stored.
+_BY_HEADER = ("PNG", "JPEG", "MPO", "WEBP", "BMP", "TGA")
+
+# Tags of EXIF and TIFF, and the orientations of pictures that lie on their side.
+_WIDTH, _LENGTH, _ORIENTATION = 0x0100, 0x0101, 0x0112
+_TURNING = (5, 6, 7, 8)
 
 
 class PictureFolders:
@@ -33,7 +38,7 @@ class PictureFolders:
     Parameters
     ----------
     cameras : Path
-        The camera file.
+        The folder of the camera file.
     images : Path or None
         The folder that the user gave; nothing else is searched then.
     named : list of Path
@@ -46,10 +51,10 @@ class PictureFolders:
             self.folders = [images]
             self._roots = [images]
             return
-        root = _project(cameras.parent)
-        above = [cameras.parent, *[p for p in cameras.parent.parents if p == root or root in p.parents]]
+        root = _project(cameras)
+        above = [cameras, *[p for p in cameras.parents if p == root or root in p.parents]]
         self.folders = [*[p for p in named if _is_folder(p)], *above, *(p / "images" for p in above)]
-        beside = cameras.parent.parent / "images"
+        beside = cameras.parent / "images"
         if _is_folder(beside):
             self.folders.append(beside)
         self._roots = [p for p in (*named, root, beside) if _is_folder(p)]
@@ -82,6 +87,9 @@ class PictureFolders:
         parts = [p.lower() for p in wanted.parts[:-1]]
         likeness = [_common_tail([q.lower() for q in path.parts[:-1]], parts) for path in found]
         best = [path for path, same in zip(found, likeness, strict=True) if same == max(likeness)]
+        if len(best) > 1 and len({path.parent for path in best}) == 1:
+            # A camera's raw file beside its JPEG.
+            return min(best, key=lambda path: READABLE_SUFFIXES.index(path.suffix.lower()))
         if len(best) > 1:
             raise InputError(
                 f"the photograph {short(wanted)} could be {best[0]} or {best[1]}; say which folder (images=, --images)"
@@ -174,12 +182,17 @@ def picture_size(path: Path) -> PictureSize:
         warnings.simplefilter("ignore")
         try:
             with Image.open(path) as image:
-                width, height = image.size
-                return PictureSize((height, width), image.getexif().get(_EXIF_ORIENTATION) in (5, 6, 7, 8))
+                # Of others, Pillow gives the size as viewers show them, or that of a small copy in a raw file.
+                if image.format in _BY_HEADER:
+                    return PictureSize(image.size[::-1], image.getexif().get(_ORIENTATION) in _TURNING)
+                if image.format == "TIFF" and path.suffix.lower() in (".tif", ".tiff"):
+                    tags = image.tag_v2  # type: ignore[attr-defined]
+                    return PictureSize((int(tags[_LENGTH]), int(tags[_WIDTH])), tags.get(_ORIENTATION) in _TURNING)
         except Exception:
-            # Float images and such; what is wrong with a damaged file, its own reader says.
-            height, width = read_samples(path, orient=False).shape[:2]
-            return PictureSize((height, width), False)
+            # What is wrong with a damaged file, its own reader says below.
+            pass
+    height, width = read_samples(path, orient=False).shape[:2]
+    return PictureSize((height, width), False)
 
 
 def fitted(camera: Camera, picture: PictureSize) -> tuple[Camera, str | None]:
