@@ -672,14 +672,14 @@ def test_wrong_options_of_writing(tmp_path, options, message):
 def test_wrong_things_to_write(tmp_path):
     path = tmp_path / "a.exr"
     for image in ("text", None, {}, np.zeros((3, 3), complex), [[1, 2], [3]], np.array([["a"]])):
-        with pytest.raises(InputError, match=r"a\.exr"):
+        with pytest.raises(InputError, match=r"image|channel|a\.exr"):
             intaglio.write_image(image, path)
-        with pytest.raises(InputError, match=r"a\.exr"):
+        with pytest.raises(InputError, match=r"image|channel|a\.exr"):
             intaglio.write_exr({"Y": image}, path)
-        with pytest.raises(InputError, match=r"a\."):
+        with pytest.raises(InputError, match=r"samples|image|a\."):
             write_samples(image, tmp_path / "a.png")
     for channels in (None, [np.zeros((3, 3))], {1: np.zeros((3, 3))}, {"": np.zeros((3, 3))}):
-        with pytest.raises(InputError, match="channels must be"):
+        with pytest.raises(InputError, match="channels"):
             intaglio.write_exr(channels, path)
     for wrong in (None, 5, ""):
         with pytest.raises(InputError, match="path must be"):

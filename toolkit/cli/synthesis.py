@@ -48,11 +48,14 @@ from intaglio.synthesis import (
     THESIS_LIGHTS,
     GrowOptions,
     Match,
+    Material,
     QuiltOptions,
     Synthesis,
     assess_synthesis,
     friedman,
+    holds_material,
     multiple_comparison,
+    read_material,
     read_ranks,
     read_trials,
     write_ranking_page,
@@ -211,8 +214,9 @@ def synthesize(
     """Make a larger texture of SAMPLES.
 
     One image gives an image; several images of one size (albedo, normal, displacement, …) are synthesised together, to images
-    of the same names in a folder. A relightable texture (.exr, .ptm), or photographs under known lights (an .lp file, a
-    lights.csv, or their folder), give a relightable texture.
+    of the same names in a folder. So is a folder of maps with names as materials have them (wood_Color.png, wood_NormalGL.png,
+    wood_Roughness.png, …). A relightable texture (.exr, .ptm), or photographs under known lights (an .lp file, a lights.csv, or
+    their folder), give a relightable texture.
     """
     height, width = image_size(size)
     for other in set(_OWN) - {method}:
@@ -227,7 +231,8 @@ def synthesize(
         if not os.path.isdir(path):
             check_readable(path)
     inputs = [*samples, *([reading.mask] if reading.mask is not None else [])]
-    several = len(samples) > 1
+    packed = len(samples) == 1 and reading.sphere is None and os.path.isdir(first) and holds_material(first)
+    several = len(samples) > 1 or packed
     where = (output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")) if source else None
     others = [path for path in (where, report) if path is not None]
     start = time.perf_counter()
@@ -266,12 +271,20 @@ def synthesize(
         if maps is not None:
             raise InputError("--maps is for relightable textures and photographs under known lights")
         _for_photographs(_OF_PHOTOGRAPHS)
-        _check_outputs(_image_outputs(samples, output, source) + others, inputs)
-        images = _Images(samples)
+        images: _Images | Material
+        if packed:
+            images = _read_material(first, output)
+            _check_outputs([output / name for name in images.files.values()] + others, inputs)
+        else:
+            _check_outputs(_image_outputs(samples, output, source) + others, inputs)
+            images = _Images(samples)
         given, compared = images.values, images.compared
-        usable = _usable_pixels(images, reading.mask)
+        usable = _usable_pixels(images, samples, reading.mask)
         result = make(given, Match(compared, metric=metric), usable)
-        written = _write_images(images, result, output)
+        if isinstance(images, Material):
+            written = images.with_values(result.maps).write(output)
+        else:
+            written = _write_images(images, result, output)
     if where is not None:
         write_source(result, where)
         written.append(where)
@@ -301,6 +314,20 @@ def _read_relightable_sample(
     for note in stack.notes + texture.notes:
         click.echo(f"  {note}", err=True)
     return texture, reading.inputs(first, stack)
+
+
+def _read_material(folder: Path, output: Path) -> Material:
+    """Return the maps in a folder, and say what was chosen; `InputError` if the output can't be a folder of such maps."""
+    if output.suffix.lower() in IMAGE_SUFFIXES:
+        raise InputError(f"{output}: a folder of maps gives a folder; give the name of one")
+    check_folder(output)
+    if output.exists() and output.samefile(folder):
+        raise InputError(f"{output}: is the folder of the sample itself; inputs are never overwritten, give another output")
+    material = read_material(folder)
+    click.echo(f"  {folder}: {', '.join(f'{kind} ({name})' for kind, name in material.files.items())}", err=True)
+    for note in material.notes:
+        click.echo(f"  {note}", err=True)
+    return material
 
 
 def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:
@@ -337,11 +364,11 @@ def _image_name(path: Path) -> str:
     return path.name if path.suffix.lower() in (".png", ".tif", ".tiff", ".exr") else f"{path.stem}.png"
 
 
-def _usable_pixels(images: _Images, mask: Path | None) -> Array | None:
+def _usable_pixels(images: _Images | Material, samples: tuple[Path, ...], mask: Path | None) -> Array | None:
     """Return pixels that may be used: opaque ones, inside the mask."""
     if mask is None:
         if images.opaque is not None and not images.opaque.any():
-            raise InputError(f"{', '.join(map(str, images.paths))}: all transparent, there is nothing to copy")
+            raise InputError(f"{', '.join(map(str, samples))}: all transparent, there is nothing to copy")
         return images.opaque
     given = read_image(mask, linear=True)
     given = given[:, :, :3].mean(axis=2) if given.ndim == 3 else given

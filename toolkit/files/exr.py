@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_path
+from intaglio.checks import checked_arguments, checked_path, shown
 from intaglio.errors import FileError, InputError, IntaglioError, IntaglioWarning
 from intaglio.files.limits import check_memory
 from intaglio.files.paths import check_readable, whole_file
@@ -65,7 +65,7 @@ def read_exr(path: PathLike, *, part: str | int | None = None) -> tuple[dict[str
     path = check_readable(path)
     channels, header, notes = _read_part(path, part)
     for note in notes:
-        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=2)
+        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=1)
     return channels, header
 
 
@@ -163,6 +163,7 @@ def _check_memory(path: Path, header: Mapping[str, Any]) -> None:
     check_memory(path, width * height * count * 8, f"an EXR of {width} x {height} pixels in {count} channels")
 
 
+@checked_arguments
 def write_exr(channels: Mapping[str, Array], path: PathLike, *, metadata: Mapping[str, object] | None = None) -> None:
     """Write named channels to an EXR file as 32-bit floats, compressed without loss.
 
@@ -206,10 +207,10 @@ def write_exr(channels: Mapping[str, Array], path: PathLike, *, metadata: Mappin
     path = checked_path("path", path)
     planes = _planes(channels, path)
     shapes = {p.shape for p in planes.values()}
-    if len(shapes) != 1 or len(next(iter(shapes))) != 2:
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
         raise InputError(f"{path}: EXR channels must all be (H, W) of one size, not {sorted(shapes)}")
     header: dict[str, object] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    header.update(metadata or {})
+    header.update(_checked_metadata(metadata or {}))
     try:
         with whole_file(path) as beside, hushed_streams(), OpenEXR.File(header, planes) as file:
             file.write(str(beside))
@@ -217,6 +218,18 @@ def write_exr(channels: Mapping[str, Array], path: PathLike, *, metadata: Mappin
         if isinstance(error, IntaglioError):
             raise
         raise FileError(f"{path}: could not be written ({reason(error)})") from error
+
+
+def _checked_metadata(metadata: Mapping[str, object]) -> dict[str, object]:
+    """Return metadata that EXR holds, or raise `InputError`."""
+    checked: dict[str, object] = {}
+    for name, value in metadata.items():
+        plain = value.item() if isinstance(value, np.generic) else value
+        whole = isinstance(plain, int) and abs(plain) < 2**31
+        if not name or not (whole or isinstance(plain, str | float)):
+            raise InputError(f"metadata {name!r} must be text, a number or a whole number of 32 bits, not {shown(value)}")
+        checked[name] = float(plain) if isinstance(plain, bool) else plain
+    return checked
 
 
 def _planes(channels: Mapping[str, Array], path: PathLike) -> dict[str, Array]:

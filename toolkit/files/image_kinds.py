@@ -89,8 +89,9 @@ def image_kind(path: Path) -> str:
         raise FileError(f"{path}: {_otherwise(start)}; known: PNG, JPEG, TIFF, EXR, WebP, HDR, TGA, BMP, JPEG 2000, raw")
     known = [s for suffixes in _SUFFIXES.values() for s in suffixes]
     if suffix in known and suffix not in _SUFFIXES[kind]:
+        # Reported where it is found, so that Python shows it once of a file that is read several times.
         article = "an" if kind == "EXR" else "a"
-        warnings.warn(f"{path}: is named {suffix}, but holds {article} {kind} image; read as that", IntaglioWarning, stacklevel=4)
+        warnings.warn(f"{path}: is named {suffix}, but holds {article} {kind} image; read as that", IntaglioWarning, stacklevel=1)
     return kind
 
 

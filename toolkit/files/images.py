@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_count, checked_flag, checked_path
+from intaglio.checks import checked_arguments, checked_count, checked_flag, checked_path
 from intaglio.errors import FileError, InputError, IntaglioError, IntaglioWarning
 from intaglio.files.color_profiles import ColorProfile
 from intaglio.files.exr import read_exr_image, write_exr
@@ -124,7 +124,7 @@ def read_samples(path: PathLike, *, orient: bool = True) -> Array:
     """
     pixels = _read(path)
     if pixels.profile is not None and pixels.profile.matrix is not None:
-        warnings.warn(f"{path}: its colours are {pixels.profile.name}; they are taken as sRGB", IntaglioWarning, stacklevel=2)
+        warnings.warn(f"{path}: its colours are {pixels.profile.name}; they are taken as sRGB", IntaglioWarning, stacklevel=1)
     return upright(pixels.samples, pixels.orientation) if checked_flag("orient", orient) else pixels.samples
 
 
@@ -145,10 +145,11 @@ def _read(path: PathLike) -> Pixels:
     if samples.ndim not in (2, 3) or samples.size == 0 or (samples.ndim == 3 and samples.shape[2] > 4):
         raise FileError(f"{path}: has shape {samples.shape}; an image is (H, W) or (H, W, C) with at most 4 channels")
     for note in pixels.notes:
-        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=3)
+        warnings.warn(f"{path}: {note}", IntaglioWarning, stacklevel=1)
     return replace(pixels, samples=samples[:, :, 0]) if samples.ndim == 3 and samples.shape[2] == 1 else pixels
 
 
+@checked_arguments
 def write_image(image: Array, path: PathLike, *, bits: int = 8, linear: bool | None = None, quality: int = 95) -> None:
     """Write linear values to an image file.
 

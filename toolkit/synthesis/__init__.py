@@ -2,6 +2,7 @@
 
 from intaglio.synthesis.assess import SynthesisReport, assess_synthesis
 from intaglio.synthesis.growing import grow
+from intaglio.synthesis.material import Material, holds_material, read_material
 from intaglio.synthesis.nearest import NearestWindows
 from intaglio.synthesis.options import CONTINUATIONS, CUTS, GrowOptions, QuiltOptions
 from intaglio.synthesis.pipelines import synthesize, synthesize_each_light
@@ -23,6 +24,7 @@ __all__ = [
     "Friedman",
     "GrowOptions",
     "Match",
+    "Material",
     "MultipleComparison",
     "NearestWindows",
     "QuiltOptions",
@@ -33,10 +35,12 @@ __all__ = [
     "copy_texture",
     "friedman",
     "grow",
+    "holds_material",
     "multiple_comparison",
     "optimize_texture",
     "pixel_positions",
     "quilt",
+    "read_material",
     "read_ranks",
     "read_trials",
     "smooth_plane",

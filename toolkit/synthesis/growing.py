@@ -9,7 +9,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_mask, checked_size
+from intaglio.checks import checked_arguments, checked_mask, checked_size
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
@@ -35,6 +35,7 @@ _MOST_VALUES = 300_000_000
 _COMPONENTS = 12
 
 
+@checked_arguments
 def grow(
     maps: Any,
     size: int | tuple[int, int] | None = None,
@@ -58,7 +59,7 @@ def grow(
 
     Parameters
     ----------
-    maps : (H, W) or (H, W, n) array, Relightable, or sequence of arrays of one size
+    maps : (H, W) or (H, W, n) array, Relightable, Material, or sequence of arrays of one size
         The sample, of any type of real numbers; with ``missing``, the texture to fill, whose other pixels are the sample.
     size : int or (int, int), optional
         Rows and columns of the result in pixels, 1 to 65536; one number makes a square. Not with ``missing``, where the

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_mask
+from intaglio.checks import checked_arguments, checked_mask
 from intaglio.errors import InputError
 from intaglio.kernels.launch import single_threaded_blas
 from intaglio.photometric import (
@@ -26,8 +26,10 @@ from intaglio.synthesis.growing import grow
 from intaglio.synthesis.options import GrowOptions, QuiltOptions
 from intaglio.synthesis.quilting import quilt
 from intaglio.synthesis.result import Synthesis
+from intaglio.synthesis.sample import stack_maps
 
 
+@checked_arguments
 def synthesize(
     source: Any,
     size: int | tuple[int, int],
@@ -51,7 +53,7 @@ def synthesize(
 
     Parameters
     ----------
-    source : PhotometricStack, Relightable, (H, W) or (H, W, n) array, or sequence of arrays of one size
+    source : PhotometricStack, Relightable, Material, (H, W) or (H, W, n) array, or sequence of arrays of one size
         The sample.
     size : int or (int, int)
         Rows and columns of the result in pixels, 1 to 65536; one number makes a square.
@@ -113,11 +115,14 @@ def synthesize(
     make = _choose_method(options, size, common)
     if isinstance(source, PhotometricStack):
         source = represent(source, kind, color=color, robust=robust, device=device)
+    if not isinstance(source, Relightable):
+        source = stack_maps(source, "source")
     if isinstance(source, Relightable) and source.kind == "height":
         return _synthesize_height(source, make, mask)
     return make(source, mask=mask)
 
 
+@checked_arguments
 def synthesize_each_light(
     source: PhotometricStack | Relightable,
     size: int | tuple[int, int],

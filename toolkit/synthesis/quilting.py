@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_size
+from intaglio.checks import checked_arguments, checked_size
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.block_search import ROWS
@@ -27,6 +27,7 @@ from intaglio.synthesis.sample import SampleMaps, as_match, prepare_sample, wind
 _MOST_VALUES = 2**31 - 1
 
 
+@checked_arguments
 def quilt(
     maps: Any,
     size: int | tuple[int, int],
@@ -52,7 +53,7 @@ def quilt(
 
     Parameters
     ----------
-    maps : (H, W) or (H, W, n) array, Relightable, or sequence of arrays of one size
+    maps : (H, W) or (H, W, n) array, Relightable, Material, or sequence of arrays of one size
         The sample, of any type of real numbers.
     size : int or (int, int)
         Rows and columns of the result in pixels, 1 to 65536; one number makes a square.

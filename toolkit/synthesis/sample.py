@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_choice, checked_mask
+from intaglio.checks import check_fields, checked_choice, checked_mask, checked_numeric, real_array
 from intaglio.errors import InputError
 from intaglio.photometric import Relightable
+from intaglio.synthesis.material import Material
 
 METRICS = ("absolute", "squared")
 
@@ -61,12 +62,15 @@ class Match:
     metric: str = "absolute"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         checked_choice("metric", self.metric, METRICS)
+        if self.maps is not None:
+            object.__setattr__(self, "maps", self.maps if isinstance(self.maps, Relightable) else stack_maps(self.maps))
 
 
 def as_match(match: Any) -> Match:
     """Return what ``match`` stands for: a `Match` as it is, and maps, or None, as one that compares them."""
-    return match if isinstance(match, Match) else Match(match)
+    return match if isinstance(match, Match) else Match(None if match is None else stack_maps(match, "match"))
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ def compared_planes(texture: Relightable) -> Array:
 
 
 def stack_maps(maps: Any, name: str = "maps") -> Array:
-    """Return ``maps`` as (H, W, n): an array (H, W) or (H, W, n), a `Relightable`, or a sequence of arrays of one size.
+    """Return ``maps`` as (H, W, n): an array (H, W) or (H, W, n), a `Relightable`, a `Material`, or several arrays of one size.
 
     Raises
     ------
@@ -119,6 +123,8 @@ def stack_maps(maps: Any, name: str = "maps") -> Array:
     """
     if isinstance(maps, Relightable):
         return texture_planes(maps)
+    if isinstance(maps, Material):
+        return maps.values
     if isinstance(maps, list | tuple):
         parts = [stack_maps(m, f"{name}[{i}]") for i, m in enumerate(maps)]
         if not parts:
@@ -130,12 +136,7 @@ def stack_maps(maps: Any, name: str = "maps") -> Array:
         return np.concatenate(parts, axis=2)
     if isinstance(maps, np.ma.MaskedArray) and np.ma.is_masked(maps):
         raise InputError(f"{name} is a masked array; give its values, and the pixels that may be used as mask=~{name}.mask")
-    try:
-        array = np.asarray(maps)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be arrays, or a sequence of arrays of one size ({error})") from error
-    if array.dtype.kind not in "fiub":
-        raise InputError(f"{name} must hold real numbers, not {array.dtype}")
+    array = real_array(name, maps)
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3:
@@ -150,9 +151,9 @@ def prepare_sample(maps: Any, *, mask: Array | None = None, match: Match | None 
 
     Parameters
     ----------
-    maps : (H, W) or (H, W, n) array, Relightable, or sequence of arrays
+    maps : (H, W) or (H, W, n) array, Relightable, Material, or sequence of arrays
     mask : (H, W) bool array, optional
-        Pixels that may be used. The mask of a `Relightable` is intersected with it.
+        Pixels that may be used. The mask of a `Relightable`, or opaque pixels of a `Material`, are intersected with it.
     match : Match, optional
         What is compared, and its weights.
 
@@ -166,6 +167,8 @@ def prepare_sample(maps: Any, *, mask: Array | None = None, match: Match | None 
     usable = np.ones(values.shape[:2], bool)
     if isinstance(maps, Relightable) and maps.mask is not None:
         usable &= maps.mask
+    if isinstance(maps, Material) and maps.opaque is not None:
+        usable &= maps.opaque
     if mask is not None:
         usable &= checked_mask("mask", mask, usable.shape)
     if not usable.any():
@@ -174,6 +177,7 @@ def prepare_sample(maps: Any, *, mask: Array | None = None, match: Match | None 
         compared = stack_maps(match.maps, "match")
     else:
         compared = compared_planes(maps) if isinstance(maps, Relightable) else values
+        compared = maps.compared if isinstance(maps, Material) else compared
     if compared.shape[:2] != usable.shape:
         raise InputError(f"match is {compared.shape[:2]}, the maps are {usable.shape}; they must have one size")
     for name, array in (("maps", values), ("match", compared)):
@@ -190,10 +194,7 @@ def prepare_sample(maps: Any, *, mask: Array | None = None, match: Match | None 
 def _equal_range(compared: Array, usable: Array, weights: Sequence[float] | Array | None) -> Array:
     """Return maps as (n, H, W) float32 planes from 0 to their weight, the largest being 1; 0 where not usable."""
     count = compared.shape[2]
-    try:
-        factor = np.ones(count) if weights is None else np.asarray(weights, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"weights must be {count} numbers ({error})") from error
+    factor = np.ones(count) if weights is None else checked_numeric("weights", weights, np.float64)
     if factor.shape != (count,) or not np.isfinite(factor).all() or (factor < 0).any() or not factor.any():
         raise InputError(f"weights must be {count} finite numbers, none negative and not all 0; given: {weights!r}")
     factor = factor / factor.max()
