@@ -114,13 +114,9 @@ def run(monkeypatch, capsys):
             monkeypatch.chdir(cwd)
         monkeypatch.setattr("sys.argv", ["intaglio", *map(str, words)])
         capsys.readouterr()
-        status = 0
         with warnings.catch_warnings():
             warnings.simplefilter("default")
-            try:
-                cli.main()
-            except SystemExit as stop:
-                status = stop.code
+            status = cli.run()
         said, errors = capsys.readouterr()
         return status, said, errors
 

@@ -18,5 +18,7 @@ def complete_with(surface, base="auto", window=None, error=None, **options):
     call = {n: v for n, v in options.items() if n in _CALL}
     selection = {n: v for n, v in options.items() if n in _SELECTION}
     rest = {n: v for n, v in options.items() if n not in _GROUND | _CALL | _SELECTION}
+    # Growth alone, unless a test asks for more: it is what most of them look at.
+    rest.setdefault("refine", 0)
     settings = intaglio.ReliefSettings(window=window, error=error, selection=intaglio.Selection(**selection), **rest)
     return intaglio.prepare_relief(surface, base, **ground).complete(settings, **call)

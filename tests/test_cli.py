@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 
 import click
 import numpy as np
 import pytest
 
 import intaglio
-from intaglio.cli.entry import main
+from intaglio import cli
 from intaglio.cli.options import grouped, was_given
 
 
 def run(monkeypatch, capsys, *arguments):
     """Run the command in this process; return (status, stdout, stderr)."""
     monkeypatch.setattr(sys, "argv", ["intaglio", *map(str, arguments)])
-    status = 0
-    try:
-        main()
-    except SystemExit as stop:
-        status = stop.code or 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        status = cli.run()
     out = capsys.readouterr()
     return status, out.out, out.err
 

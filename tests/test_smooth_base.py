@@ -429,3 +429,14 @@ def test_edge_keys_of_patches_never_meet_the_scans():
     rim = np.sort(border_edges(scan.faces), axis=1)
     shared = np.intersect1d(own, patch)
     assert set(shared) == set(edge_keys(rim, len(ground.measured)))
+
+
+@pytest.mark.parametrize("oversample", [True, False])
+def test_relief_grown_from_filled_vertices_names_its_own_sources(oversample):
+    prepared = intaglio.prepare_relief(punched(*ball(rough=1.0), ((0, 0, 10), 3.0)), "smooth")
+    whole = prepared.complete(intaglio.ReliefSettings(window=3, bootstrap=True, oversample=oversample))
+    filled = ~whole.measured
+    assert filled.sum() > 50
+    assert whole.measured[whole.source[filled]].all()
+    # Joined to the rim, the filling stays about as rough as the scan.
+    assert np.abs(whole.relief[filled]).max() < 4 * np.abs(whole.relief[whole.measured]).max()

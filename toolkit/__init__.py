@@ -1,206 +1,29 @@
 """Intaglio completes, synthesises and relights the fine surface texture of real objects."""
 
-from intaglio.errors import FileError, FitError, InputError, IntaglioError, IntaglioWarning
-from intaglio.files import read_exr, read_image, write_exr, write_image
-from intaglio.geometry import (
-    GeometryReport,
-    GeometryTexture,
-    PairingWeights,
-    PatchFit,
-    PointSet,
-    assess_geometry,
-    extend_geometry,
-    geometry_from_height,
-    geometry_from_mesh,
-    geometry_from_points,
-    mesh_geometry,
-    read_geometry_texture,
-    wrap_geometry,
-    write_points,
-)
-from intaglio.mesh import Surface, mend_surface, read_surface, surface_from_points, surface_from_range_image, write_surface
-from intaglio.parameterization import Parameterization, parameterize
-from intaglio.photographs import (
-    Binding,
-    Camera,
-    Photograph,
-    Texture,
-    ViewComparison,
-    bind_photographs,
-    border_step,
-    combine_photographs,
-    compare_with_photograph,
-    read_photographs,
-    restore_texture,
-    write_textured,
-)
-from intaglio.photometric import (
-    Integrability,
-    PhotometricStack,
-    Relightable,
-    RepresentationReport,
-    SphereLights,
-    SurfaceMaps,
-    assess_representation,
-    fit_circle,
-    gradients_from_height,
-    height_from_gradients,
-    height_of,
-    integrability,
-    light_direction,
-    lights_from_sphere,
-    read_relightable,
-    read_stack,
-    represent,
-    surface_maps,
-    tilt_and_slant,
-    write_gltf,
-    write_maps,
-    write_relightable,
-    write_web_planes,
-)
-from intaglio.relief import (
-    Base,
-    Cylinder,
-    Hole,
-    Plane,
-    PreparedRelief,
-    ReliefReport,
-    ReliefSettings,
-    Selection,
-    SmoothBase,
-    Sphere,
-    TruthComparison,
-    assess_relief,
-    complete_relief,
-    fit_base,
-    list_holes,
-    prepare_relief,
-    write_relief_report,
-)
-from intaglio.restoration import Restoration, RestorationReport, assess_restoration, restore
-from intaglio.synthesis import (
-    Friedman,
-    GrowOptions,
-    Match,
-    MultipleComparison,
-    QuiltOptions,
-    Synthesis,
-    SynthesisReport,
-    assess_synthesis,
-    friedman,
-    grow,
-    multiple_comparison,
-    quilt,
-    read_ranks,
-    synthesize,
-    synthesize_each_light,
-)
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from intaglio.public import *  # noqa: F403
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "Base",
-    "Binding",
-    "Camera",
-    "Cylinder",
-    "FileError",
-    "FitError",
-    "Friedman",
-    "GeometryReport",
-    "GeometryTexture",
-    "GrowOptions",
-    "Hole",
-    "InputError",
-    "IntaglioError",
-    "IntaglioWarning",
-    "Integrability",
-    "Match",
-    "MultipleComparison",
-    "PairingWeights",
-    "Parameterization",
-    "PatchFit",
-    "Photograph",
-    "PhotometricStack",
-    "Plane",
-    "PointSet",
-    "PreparedRelief",
-    "QuiltOptions",
-    "ReliefReport",
-    "ReliefSettings",
-    "Relightable",
-    "RepresentationReport",
-    "Restoration",
-    "RestorationReport",
-    "Selection",
-    "SmoothBase",
-    "Sphere",
-    "SphereLights",
-    "Surface",
-    "SurfaceMaps",
-    "Synthesis",
-    "SynthesisReport",
-    "Texture",
-    "TruthComparison",
-    "ViewComparison",
-    "__version__",
-    "assess_geometry",
-    "assess_relief",
-    "assess_representation",
-    "assess_restoration",
-    "assess_synthesis",
-    "bind_photographs",
-    "border_step",
-    "combine_photographs",
-    "compare_with_photograph",
-    "complete_relief",
-    "extend_geometry",
-    "fit_base",
-    "fit_circle",
-    "friedman",
-    "geometry_from_height",
-    "geometry_from_mesh",
-    "geometry_from_points",
-    "gradients_from_height",
-    "grow",
-    "height_from_gradients",
-    "height_of",
-    "integrability",
-    "light_direction",
-    "lights_from_sphere",
-    "list_holes",
-    "mend_surface",
-    "mesh_geometry",
-    "multiple_comparison",
-    "parameterize",
-    "prepare_relief",
-    "quilt",
-    "read_exr",
-    "read_geometry_texture",
-    "read_image",
-    "read_photographs",
-    "read_ranks",
-    "read_relightable",
-    "read_stack",
-    "read_surface",
-    "represent",
-    "restore",
-    "restore_texture",
-    "surface_from_points",
-    "surface_from_range_image",
-    "surface_maps",
-    "synthesize",
-    "synthesize_each_light",
-    "tilt_and_slant",
-    "wrap_geometry",
-    "write_exr",
-    "write_gltf",
-    "write_image",
-    "write_maps",
-    "write_points",
-    "write_relief_report",
-    "write_relightable",
-    "write_surface",
-    "write_textured",
-    "write_web_planes",
-]
+
+def __getattr__(name: str) -> Any:
+    """Import a public name, or a room, when it is first asked for: the command answers signals before that."""
+    if not name.startswith("_") and find_spec(f"intaglio.{name}") is not None:
+        return import_module(f"intaglio.{name}")
+    public = import_module("intaglio.public")
+    if name == "__all__":
+        return [*public.__all__, "__version__"]
+    if name not in public.__all__:
+        raise AttributeError(f"module 'intaglio' has no attribute {name!r}")
+    globals().update({each: getattr(public, each) for each in public.__all__})
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return [*import_module("intaglio.public").__all__, "__version__"]

@@ -1,5 +1,5 @@
 """The `intaglio` command: thin layers over the public functions."""
 
-from intaglio.cli.entry import main
+from intaglio.cli.running import main, run
 
-__all__ = ["main"]
+__all__ = ["main", "run"]

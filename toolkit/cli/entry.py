@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import sys
-import warnings
 from pathlib import Path
-from typing import NoReturn, TextIO
 
 import click
 import numpy as np
@@ -14,7 +11,16 @@ import numpy as np
 import intaglio
 from intaglio.arrays import Array
 from intaglio.cli.assessment import assess
-from intaglio.cli.facts import image_facts, is_texture, mesh_facts, point_facts, stack_facts, system_facts, texture_facts
+from intaglio.cli.facts import (
+    image_facts,
+    is_texture,
+    material_facts,
+    mesh_facts,
+    point_facts,
+    stack_facts,
+    system_facts,
+    texture_facts,
+)
 from intaglio.cli.geometry import extend
 from intaglio.cli.options import Numbers, common, image_size, known_suffix, render_on
 from intaglio.cli.photographs import restore, texture
@@ -22,11 +28,12 @@ from intaglio.cli.photometric import relight, represent
 from intaglio.cli.relief import complete
 from intaglio.cli.synthesis import rank, synthesize
 from intaglio.devices import device_or_error
-from intaglio.errors import InputError, IntaglioError, IntaglioWarning
-from intaglio.files import IMAGE_SUFFIXES, check_readable, check_writable
+from intaglio.errors import InputError
+from intaglio.files import IMAGE_SUFFIXES, READABLE_SUFFIXES, check_readable, check_writable
 from intaglio.geometry import POINT_FILES, holds_points
 from intaglio.mesh import WRITABLE
 from intaglio.photometric import STACK_SUFFIXES
+from intaglio.synthesis import holds_material
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -132,7 +139,7 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
 @click.option("--strict", is_flag=True, help="Refuse meshes whose faces must be mended to join as a surface.")
 @common
 def info(files: tuple[Path, ...], strict: bool, seed: int, device: str | None) -> None:
-    """Show versions, devices and the renderer's variant; or the facts of meshes, points, images, textures and stacks."""
+    """Show versions, devices and the renderer's variant; or the facts of meshes, points, images, textures, stacks, materials."""
     device_or_error(device)
     if not files:
         for line in system_facts(device):
@@ -143,7 +150,9 @@ def info(files: tuple[Path, ...], strict: bool, seed: int, device: str | None) -
         folder = os.path.isdir(path)
         if not folder:
             check_readable(path)
-        if folder or suffix in STACK_SUFFIXES:
+        if folder and holds_material(path):
+            lines = material_facts(path)
+        elif folder or suffix in STACK_SUFFIXES:
             lines = stack_facts(path)
         elif suffix in POINT_FILES or (suffix in WRITABLE and holds_points(path)):
             lines = point_facts(path)
@@ -151,11 +160,13 @@ def info(files: tuple[Path, ...], strict: bool, seed: int, device: str | None) -
             lines = mesh_facts(path, strict)
         elif is_texture(path):
             lines = texture_facts(path)
-        elif suffix in IMAGE_SUFFIXES:
+        elif suffix in READABLE_SUFFIXES:
             lines = image_facts(path)
         else:
-            known = ", ".join((*WRITABLE, *POINT_FILES, *IMAGE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
-            raise InputError(f"{path}: no mesh, image, texture or stack's light positions ({known}, or a stack's folder)")
+            known = ", ".join((*WRITABLE, *POINT_FILES, *READABLE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
+            raise InputError(
+                f"{path}: no mesh, image, texture or stack's light positions ({known}, or a stack's or material's folder)"
+            )
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
@@ -165,54 +176,7 @@ def _opaque(image: Array) -> Array:
     return image[:, :, :3] if image.ndim == 3 else image
 
 
-def main() -> None:
-    """Run the command; errors become one line on stderr and exit status 2."""
-    warnings.showwarning = _show_warning
-    try:
-        cli.main(standalone_mode=False)
-    except (click.exceptions.Abort, KeyboardInterrupt):
-        click.echo("interrupted; no file was left half written", err=True)
-        sys.exit(130)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(2)
-    except IntaglioError as error:
-        _stop(str(error))
-    except MemoryError:
-        _stop("not enough memory; meshes: a larger --spacing, a smaller --window or fewer --rotations; stacks: smaller images")
-    except BrokenPipeError:
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - the interpreter flushes it on its way out
-        sys.exit(2)
-    except OSError as error:
-        _stop(f"{error.filename or 'output'}: {error.strerror or error}")
-    except ValueError as error:
-        if "INTAGLIO_" not in str(error):
-            raise
-        _stop(str(error))
-
-
-_plain_warning = warnings.showwarning
-
-
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    """Show Intaglio's own warnings as a line, others as Python does."""
-    if issubclass(category, IntaglioWarning):
-        click.echo(f"warning: {message}", err=True)
-    else:
-        _plain_warning(message, category, filename, lineno, file, line)
-
-
-def _stop(message: str) -> NoReturn:
-    click.echo(f"intaglio: {message}", err=True)
-    sys.exit(2)
-
-
-if __name__ == "__main__":
-    main()
+def run_command() -> int:
+    """Run the command that the arguments name, and return its exit status."""
+    done = cli.main(standalone_mode=False)
+    return done if isinstance(done, int) else 0

@@ -11,23 +11,24 @@ import warp as wp
 
 from intaglio.arrays import Array
 from intaglio.devices import device_or_error
-from intaglio.errors import IntaglioError
-from intaglio.files import read_exr, read_image
+from intaglio.errors import FileError, IntaglioError
+from intaglio.files import read_exr_header, read_image
 from intaglio.geometry import is_height_field, read_geometry_texture
 from intaglio.kernels.launch import threads
 from intaglio.mesh import Surface, border_loops, pieces, read_surface, used_vertices
 from intaglio.photometric import (
     ATTRIBUTE,
-    Exposure,
     checked_lights,
+    examine_capture,
     polar_plot,
     read_light_positions,
     read_relightable,
-    read_stack,
+    table_lines,
     tilt_and_slant,
 )
 from intaglio.relief import fit_base, list_holes, sampling_distance
 from intaglio.render import variant
+from intaglio.synthesis import read_material
 
 _MOST_HOLES = 12
 
@@ -114,10 +115,22 @@ def image_facts(path: Path) -> list[str]:
     return lines
 
 
+def material_facts(path: Path) -> list[str]:
+    """Return size and files of the maps of a material in a folder."""
+    material = read_material(path)
+    height, width = material.shape
+    lines = [f"material: {len(material.maps)} map{'s' if len(material.maps) > 1 else ''} of {width} x {height} pixels"]
+    for kind, values in material.maps.items():
+        channels = 1 if values.ndim == 2 else values.shape[2]
+        depth = "floats" if material.bits[kind] == 32 else f"{material.bits[kind]} bits"
+        lines.append(f"{kind}: {material.files[kind]}, {depth}, {channels} channel{'s' if channels > 1 else ''}")
+    return [*lines, *material.notes]
+
+
 def stack_facts(path: Path) -> list[str]:
-    """Return number, size, lights on a polar plot, and exposure of a photometric stack; of lights alone, just those."""
+    """Return number, size, lights on a polar plot, and a table of a stack's photographs; of lights alone, just those."""
     try:
-        stack = read_stack(path, "linear")
+        stack, photographs = examine_capture(path, "linear")
     except IntaglioError as problem:
         if path.suffix.lower() != ".lp":
             raise
@@ -125,14 +138,14 @@ def stack_facts(path: Path) -> list[str]:
         lights = checked_lights(lights, tuple(names))
         return [f"{len(lights)} lights", *_light_facts(lights), f"the images can't be read: {problem}"]
     count, height, width, channels = stack.shape
-    seen = Exposure()
-    for k in range(count):
-        seen.add(stack, k, stack.image(k))
-    over, under = seen.shares
+    used = [one for one in photographs if one.used]
+    over, under = (float(np.mean(shares)) for shares in ([one.over for one in used], [one.black for one in used]))
     return [
         f"stack of {count} images, {width} x {height} pixels, {channels} channel{'s' if channels > 1 else ''}",
         *_light_facts(stack.lights),
         f"overexposed {over:.2%}, black {under:.2%} of the values",
+        "photographs (mean over the cosine of the slant; sharpness; pixels off those lit most alike):",
+        *(f"  {line}" for line in table_lines(photographs)),
         *stack.notes,
     ]
 
@@ -154,7 +167,10 @@ def is_texture(path: Path) -> bool:
     """Tell whether a file is a relightable texture: a .ptm, or an EXR that describes one."""
     if path.suffix.lower() != ".exr":
         return path.suffix.lower() == ".ptm"
-    return ATTRIBUTE in read_exr(path)[1]
+    try:
+        return ATTRIBUTE in read_exr_header(path)
+    except FileError:
+        return False  # whatever it is, the reader of images says
 
 
 def _light_facts(lights: Array) -> list[str]:

@@ -13,6 +13,10 @@ import numpy as np
 
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
+from intaglio.files import limit_memory
+from intaglio.progress import Stage, be_quiet
+
+_ABOVE_0 = click.FloatRange(min=0, min_open=True)
 
 
 class Numbers(click.ParamType):
@@ -96,19 +100,30 @@ def grouped(name: str, make: Callable[..., Any], *options: Callable[..., Any]) -
 
 
 def common(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that every command has."""
-    command = click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one.")(command)
-    return click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits.")(command)
+    """Add the options that every command has; --quiet and --memory are obeyed here, and long work says so."""
+
+    @functools.wraps(command)
+    def start(*args: Any, quiet: bool, memory: float | None, **values: Any) -> Any:
+        be_quiet(quiet)
+        limit_memory(memory)
+        with Stage(click.get_current_context().command_path.removeprefix("intaglio ")):
+            return command(*args, **values)
+
+    for option in (
+        click.option("--quiet", is_flag=True, help="Show no progress."),
+        click.option(
+            "--memory", type=_ABOVE_0, default=None, help="Most memory for inputs, in GiB; default half of what is free."
+        ),
+        click.option("--device", default=None, help="cpu, cuda:0, …; default: CUDA if there is one."),
+        click.option("--seed", type=int, default=0, show_default=True, help="The same seed gives the same bits."),
+    ):
+        start = option(start)
+    return start
 
 
 def was_given(name: str) -> bool:
     """Return whether the user gave an option, rather than left it at its default."""
     return click.get_current_context().get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-
-
-def unless_given(name: str, fallback: int, value: int) -> int:
-    """Return ``value`` if the user gave the option, else ``fallback``."""
-    return value if was_given(name) else fallback
 
 
 def known_suffix(path: Path, known: tuple[str, ...], what: str) -> None:

@@ -43,6 +43,9 @@ class StackReading:
     sphere: Path | None
     circle: tuple[float, float, float] | None
     gray: bool
+    keep: tuple[str, ...]
+    skip: tuple[str, ...]
+    strict: bool
 
     def read(self, capture: Path) -> PhotometricStack:
         """Return the stack that ``capture`` names."""
@@ -50,7 +53,20 @@ class StackReading:
             curve = self.response if self.response in (None, "linear", "srgb") else float(str(self.response))
         except ValueError:
             raise InputError(f"--response {self.response!r} is not known; give linear, srgb or a gamma such as 2.2") from None
-        return read_stack(capture, curve, mask=self.mask, sphere=self.sphere, circle=self.circle, gray=self.gray)
+        stack = read_stack(
+            capture,
+            curve,
+            mask=self.mask,
+            sphere=self.sphere,
+            circle=self.circle,
+            gray=self.gray,
+            keep=self.keep,
+            skip=self.skip,
+            strict=self.strict,
+        )
+        for note in stack.notes:
+            click.echo(f"  {note}", err=True)
+        return stack
 
     def inputs(self, capture: Path, stack: PhotometricStack) -> list[Path]:
         """Return the files that the stack was read from."""
@@ -65,6 +81,9 @@ stack_options = grouped(
     click.option("--sphere", type=click.Path(path_type=Path), default=None, help="Folder of mirror sphere pictures."),
     click.option("--circle", type=Numbers(3), default=None, help="x,y,radius of the sphere in its pictures, in pixels."),
     click.option("--gray", is_flag=True, help="Take the mean of the channels."),
+    click.option("--keep", multiple=True, help="Photographs to use though they look odd: names, patterns, numbers from 0."),
+    click.option("--skip", multiple=True, help="Photographs to leave out, likewise, as 31,image4* (`info` shows the table)."),
+    click.option("--strict", is_flag=True, help="Refuse a capture of which a photograph would be left out."),
 )
 
 
@@ -123,7 +142,7 @@ def represent(
     spare_inputs(inputs, output, maps)
     with ProgressBar("fitting") as bar:
         texture = represent_stack(stack, device=device, progress=bar.update, **fit)
-    for note in stack.notes + texture.notes:
+    for note in texture.notes:
         click.echo(f"  {note}", err=True)
     if output.suffix.lower() == ".json":
         write_web_planes(texture, output, tiles=tiles)

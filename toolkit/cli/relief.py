@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import intaglio
-from intaglio.cli.options import Extent, HoleChoice, Numbers, common, known_suffix, unless_given
+from intaglio.cli.options import Extent, HoleChoice, Numbers, common, known_suffix
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE
@@ -53,8 +53,7 @@ _SETTINGS = (
 @click.option("--levels", type=int, default=1, show_default=True, help="Scales: completed coarse to fine.")
 @click.option("--color-weight", type=float, default=None, help="0 to 1: how much colour counts beside shape.")
 @click.option("--search", type=click.Choice(SEARCHES), default="auto", show_default=True)
-@click.option("--memory", type=float, default=None, help="Most memory of the process, in GiB.")
-@click.option("--refine", type=int, default=3, show_default=True, help="Refinement passes after growth; 0: growth alone.")
+@click.option("--refine", type=int, default=None, help="Refinement passes after growth; default 3; 0: growth alone.")
 @click.option("--spacing", type=float, default=None, help="Distance between new vertices, in the scan's unit.")
 @click.option("--metric", type=click.Choice(METRICS), default="displacement", show_default=True)
 @click.option("--order", type=click.Choice(ORDERS), default="wave", show_default=True)
@@ -88,7 +87,10 @@ def complete(
     check_readable(scan)
     if options["holes"] == "list":
         low, high = options["hole_size"] or (0.0, float("inf"))
-        for hole in intaglio.list_holes(intaglio.read_surface(scan, view=view, strict=strict)):
+        surface = intaglio.read_surface(scan, view=view, strict=strict)
+        for note in surface.notes:
+            click.echo(f"  {note}", err=True)
+        for hole in intaglio.list_holes(surface):
             if low <= hole.length <= high:
                 click.echo(hole.describe())
         return
@@ -106,7 +108,7 @@ def complete(
         whole = _complete(surface, options)
     except (InputError, intaglio.FitError) as error:
         raise type(error)(f"{scan}: {error}") from error
-    for note in surface.notes + whole.notes:
+    for note in whole.notes:
         click.echo(f"  {note}", err=True)
     intaglio.write_surface(whole, output)
     filled = int((~whole.measured).sum())
@@ -126,8 +128,6 @@ def complete(
 def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Surface:
     """Complete a scan as the command's options say."""
     settings = {name: options[name] for name in _SETTINGS}
-    if options["metric"] == "surface" or options["bootstrap"]:
-        settings["refine"] = unless_given("refine", 0, options["refine"])
     selection = intaglio.Selection(options["selection"], options["tolerance"], options["eta"])
     along_relief = options["frames"] == "relief"
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
@@ -136,6 +136,6 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Su
         return prepared.complete(
             intaglio.ReliefSettings(selection=selection, along_relief=along_relief, **settings),
             seed=options["seed"],
-            memory=options["memory"],
+            memory=click.get_current_context().params["memory"],
             progress=bar.update,
         )

@@ -25,7 +25,7 @@ from intaglio.files import (
     check_readable,
     check_writable,
     read_image,
-    read_samples,
+    read_image_with_type,
     whole_folder,
     write_image,
 )
@@ -113,14 +113,13 @@ class _Images:
         compared: list[Array] = []
         self.opaque: Array | None = None
         for path in paths:
-            dtype = read_samples(path).dtype
+            image, dtype = read_image_with_type(path)
             if dtype.kind == "f" and path.suffix.lower() != ".exr":
                 raise InputError(f"{path}: holds floats, which only EXR could hold of the result; convert it to .exr")
             if dtype.kind in "iu" and dtype not in (np.uint8, np.uint16):
                 raise InputError(
                     f"{path}: holds {dtype} values; the result has 8 or 16 bits, convert it to one of them or to .exr"
                 )
-            image = read_image(path)
             image = image[:, :, None] if image.ndim == 2 else image
             if image.shape[2] == 2 or not np.isfinite(image).all():
                 what = "2 channels; give 1, 3 or 4" if image.shape[2] == 2 else "values that are not finite"

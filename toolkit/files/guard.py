@@ -6,6 +6,9 @@ import os
 import shutil
 import sys
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,8 @@ _guarding = False
 _hooked = False
 
 _unfinished: set[Path] = set()
+_settling = False
+_asked_to_end = False
 _lock = threading.Lock()
 
 
@@ -73,6 +78,26 @@ def _identity(path: PathLike) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
+def may_end_now() -> bool:
+    """Tell whether the process may end at once; else it is told to end as soon as files have been put in their places."""
+    global _asked_to_end
+    _asked_to_end = _settling
+    return not _settling
+
+
+@contextmanager
+def settling() -> Iterator[None]:
+    """Let no signal come between the files that are put in their places together."""
+    global _settling
+    _settling = True
+    try:
+        yield
+    finally:
+        _settling = False
+    if _asked_to_end:
+        raise KeyboardInterrupt
+
+
 def begin_unfinished(path: Path) -> None:
     """Remember a file or folder that has to go if the work on it does not end."""
     with _lock:
@@ -88,6 +113,8 @@ def end_unfinished(path: Path) -> None:
 
 def remove_unfinished() -> None:
     """Remove all that was begun and is not finished: for a process that is about to be ended from outside."""
+    while _settling:
+        time.sleep(0.001)
     for path in list(_unfinished):
         _remove(path)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from intaglio.arrays import PathLike
 from intaglio.errors import FileError
-from intaglio.files.guard import begin_unfinished, check_not_read, end_unfinished, forget_read, note_read
+from intaglio.files.guard import begin_unfinished, check_not_read, end_unfinished, forget_read, note_read, settling
 
 
 def check_readable(path: PathLike) -> Path:
@@ -127,13 +127,14 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
             # A folder is replaced with all that lies in it.
             for file in [target, *target.rglob("*")] if target.is_dir() else [target]:
                 check_not_read(file)
-        for path in made:
-            _give_usual_permissions(path)
-            target = folder / path.name
-            if target.is_dir():
-                os.replace(target, beside / f"old-{path.name}")
-            os.replace(path, target)
-        missing = []
+        with settling():
+            for path in made:
+                _give_usual_permissions(path)
+                target = folder / path.name
+                if target.is_dir():
+                    os.replace(target, beside / f"old-{path.name}")
+                os.replace(path, target)
+            missing = []
     except OSError as error:
         if isinstance(error, FileError):
             raise

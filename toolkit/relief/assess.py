@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.location import height_above
@@ -80,6 +81,9 @@ class TruthComparison:
     msi_percent: float
     displacement_emd: float
     coverage: float
+
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
 
 @dataclass(frozen=True)
@@ -174,6 +178,9 @@ class ReliefReport:
     normal_deviation: Array
     truth: TruthComparison | None
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
+
     def lines(self) -> list[str]:
         """Return the figures as lines of text.
 
@@ -225,6 +232,7 @@ class ReliefReport:
         return out
 
 
+@checked_arguments
 def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str | None = None) -> ReliefReport:
     """Measure how well the filled part of a surface continues the measured one, and how both compare with the truth.
 

@@ -45,7 +45,7 @@ def complete_relief(
     window: int | None = None,
     rotations: int | None = None,
     levels: int = 1,
-    refine: int = 0,
+    refine: int | None = None,
     color_weight: float | None = None,
     spacing: float | None = None,
     extent: str | Sequence[float] | None = None,
@@ -76,8 +76,8 @@ def complete_relief(
         Rotations at which every sample is tried; default from the relief.
     levels : int
         Scales, 1 to 6.
-    refine : int
-        Refinement passes, 0 to 100.
+    refine : int, optional
+        Refinement passes, 0 to 100; default 3.
     color_weight : float, optional
         How much colour counts beside shape, 0 to 1; default shape alone.
     spacing : float, optional
@@ -532,7 +532,7 @@ def _assemble(scan: Surface, ground: Ground, stage: Stage, notes: tuple[str, ...
         rotation=state.rotation,
         error=state.error,
         model=model,
-        notes=ground.notes + notes,
+        notes=scan.notes + ground.notes + notes,
         uv=uv,
         picture=scan.picture,
         file_vertex=file_vertex,

@@ -73,6 +73,7 @@ def check_faces(surface: Surface) -> None:
         raise InputError("all faces have area zero: the surface is a line or a point")
 
 
+@checked_arguments
 def list_holes(surface: Surface) -> list[Hole]:
     """List the holes and outer borders of a scan, longest first, with the numbers that `complete_relief` takes.
 

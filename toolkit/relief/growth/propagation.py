@@ -97,6 +97,8 @@ def grow_relief(
             filled += int(accepted.sum())
             if bootstrap and accepted.any():
                 metric.absorb(state)
+                # The samples are numbered anew; each vertex carries the one that its source is.
+                state.sample[:] = np.where(state.source >= 0, metric.samples.numbers(count)[state.source], -1)
         waves += 1
         if progress:
             progress(int((state.textured & targets).sum()), total)

@@ -14,6 +14,7 @@ SEARCHES = ("auto", "exhaustive", "approximate")
 ENGINES = ("auto", "blas", "warp")
 
 _MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES = 64, 720, 6, 100
+_PASSES = 3
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,9 @@ class ReliefSettings:
     levels : int
         Scales, 1 to 6: relief is completed coarse to fine. Each level's targets lie half as far apart as those of the one
         before it, and are compared in the coarser relief as well.
-    refine : int
-        Passes, 0 to 100, that match the filled part again as a whole, vote, and copy; they remove what growth got wrong.
+    refine : int, optional
+        Passes, 0 to 100, that match the filled part again as a whole, vote, and copy; they remove what growth got wrong. Default
+        3; 0 with the metric "surface" and with ``bootstrap``, which allow none.
     color_weight : float, optional
         1 - mu of 3DIM 2005, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
         then the combined measure times the squared largest difference of measured displacements. Default: shape alone
@@ -127,7 +129,7 @@ class ReliefSettings:
     rotations: int | None = None
     error: float | None = None
     levels: int = 1
-    refine: int = 0
+    refine: int | None = None
     color_weight: float | None = None
     metric: str = "displacement"
     order: str = "wave"
@@ -151,6 +153,8 @@ class ReliefSettings:
         if self.error is not None:
             put("error", checked_positive("error", self.error))
         put("levels", checked_count("levels", self.levels, 1, _MOST_LEVELS))
+        if self.refine is None:
+            put("refine", 0 if self.metric == "surface" or self.bootstrap else _PASSES)
         put("refine", checked_count("refine", self.refine, 0, _MOST_PASSES))
         if self.color_weight is not None:
             put("color_weight", _color_share(self.color_weight))
@@ -174,7 +178,7 @@ class ReliefSettings:
         """Raise `InputError` where two settings exclude each other."""
         if self.metric == "surface":
             for name, asked in (
-                ("refine", self.refine > 0),
+                ("refine", bool(self.refine)),
                 ("levels", self.levels > 1),
                 ("color_weight", self.color_weight is not None),
                 ("search='approximate'", self.search == "approximate"),

@@ -77,7 +77,7 @@ def run_stage(
     """
     metric, notes = _metric(ground, samples, parameters, settings, comparison, resources)
     # A refinement pass counts as much as growth: every vertex is matched once in each.
-    shares = 1 + settings.refine
+    shares = 1 + (settings.refine or 0)
 
     def report(done: int, total: int) -> None:
         if progress is not None:
