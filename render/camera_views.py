@@ -7,12 +7,34 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.render.arguments import checked, number, shaped, shown, vector
 from intaglio.render.lit_textures import color_bitmap
 from intaglio.render.relightable import textured_mesh
 from intaglio.render.variants import mitsuba
 from intaglio.render.views import distant_light
 
 
+def _intrinsics(name: str, value: Any, before: dict[str, Any]) -> np.ndarray:
+    matrix = shaped(3, 3)(name, value, before)
+    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise ValueError(f"{name} must have positive focal lengths, not {matrix[0, 0]:g} and {matrix[1, 1]:g}")
+    return matrix
+
+
+def _lights(name: str, value: Any, before: dict[str, Any]) -> list[tuple[np.ndarray, float]]:
+    if not isinstance(value, list | tuple) or not all(isinstance(one, list | tuple) and len(one) == 2 for one in value):
+        raise ValueError(f"{name} must be pairs of a vector and an irradiance, not {shown(value)}")
+    return [(vector(name, towards, before), number(0)(name, strength, before)) for towards, strength in value]
+
+
+def _rotation(name: str, value: Any, before: dict[str, Any]) -> np.ndarray:
+    turn = shaped(3, 3)(name, value, before)
+    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3:
+        raise ValueError(f"{name} must be a rotation, its rows of length 1 and perpendicular, not {turn.tolist()}")
+    return turn
+
+
+@checked(matrix=_intrinsics, turn=_rotation, shift=shaped(3), lights=_lights)
 def through_camera(
     vertices: np.ndarray,
     faces: np.ndarray,
@@ -87,7 +109,9 @@ def through_camera(
     # change how light falls on it, so lit scenes must have square pixels.
     stretched = np.stack([seen[:, 0] + skew / focal * seen[:, 1], seen[:, 1] * other / focal, seen[:, 2]], axis=1)
     if lights is not None and (abs(other / focal - 1) > 1e-6 or abs(skew) > 1e-6 * focal):
-        raise ValueError("lit pictures need square pixels: equal focal lengths and no skew")
+        raise ValueError("lit pictures need a matrix of square pixels: equal focal lengths and no skew")
+    if not stretched[:, 2].any():
+        raise ValueError("vertices all lie in the plane of the camera, where nothing is seen")
     height, width = size
     sensor = mi.load_dict(
         {

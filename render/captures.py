@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.render.arguments import checked, instance, number, real_array, shaped
 from intaglio.render.relightable import orthographic_sensor, textured_mesh
 from intaglio.render.variants import mitsuba
 from intaglio.render.views import distant_light
@@ -46,7 +47,12 @@ class Gloss:
     alpha: float = 0.2
     ior: float = 1.5
 
+    def __post_init__(self) -> None:
+        number(0.01, 1)("alpha", self.alpha, {})
+        number(1, 100, open_ends=True)("ior", self.ior, {})
 
+
+@checked(gloss=instance("Gloss"))
 def photometric_capture(
     height: np.ndarray,
     albedo: np.ndarray,
@@ -117,7 +123,7 @@ def photometric_capture(
     depth, width = (rows - 1, columns - 1) if size is None else size
     if abs((columns - 1) / width - (rows - 1) / depth) > 1e-6 * (columns - 1) / width:
         raise ValueError(
-            f"pixels are not square in images of {depth} rows and {width} columns of a mesh of {rows - 1} x {columns - 1} cells"
+            f"size and height don't fit: pixels are not square in images of {depth} rows and {width} columns of a mesh of {rows - 1} x {columns - 1} cells"
         )
     mesh = textured_mesh(*height_mesh(height), _material(albedo, gloss))
     reach = float(np.ptp(height)) + 2 * max(rows, columns)
@@ -155,6 +161,7 @@ def height_mesh(height: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return vertices, np.concatenate([upper, lower]), uv
 
 
+@checked(height=shaped(None, None))
 def height_normals(height: np.ndarray) -> np.ndarray:
     """Compute the true normals of a height field at the centres of its cells.
 
@@ -229,19 +236,20 @@ def _unshadowed(variant_name: str) -> type:
 def _checked(
     height: np.ndarray, albedo: np.ndarray, lights: np.ndarray, shadows: bool, bounces: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    height, albedo = np.asarray(height, np.float64), np.asarray(albedo, np.float64)
+    height, albedo = real_array("height", height), real_array("albedo", albedo)
     albedo = albedo[..., None] if albedo.ndim == 2 else albedo
     if height.ndim != 2 or min(height.shape) < 2:
-        raise ValueError(f"the height field must be (h, w) with at least 2 x 2 vertices, not {height.shape}")
+        raise ValueError(f"the height field, height, must be (h, w) with at least 2 x 2 vertices, not {height.shape}")
     if albedo.ndim != 3 or albedo.shape[2] not in (1, 3) or albedo.size == 0:
         raise ValueError(f"albedo must be (H, W) or (H, W, 1 or 3), not {albedo.shape}")
-    if not (np.isfinite(height).all() and np.isfinite(albedo).all()):
-        raise ValueError("height field or albedo has values that are not finite")
+    if np.abs(height).max() > 1e9:
+        raise ValueError(f"height reaches {np.abs(height).max():.3g} pixels, which can't be rendered; at most 1e9")
     if albedo.min() < 0 or albedo.max() > 1:
         raise ValueError(f"albedo must lie in [0, 1], not in [{albedo.min():.3g}, {albedo.max():.3g}]")
-    vectors = np.atleast_2d(np.asarray(lights, np.float64))
-    if vectors.shape[1:] != (3,) or not np.isfinite(vectors).all() or not (vectors[:, 2] > 0).all():
+    vectors = np.atleast_2d(real_array("lights", lights))
+    if vectors.shape[1:] != (3,) or not len(vectors) or not (vectors[:, 2] > 1e-9 * np.abs(vectors).max()).all():
         raise ValueError("lights must be (K, 3) finite vectors from above, z over 0")
     if bounces < 0 or (bounces > 0 and not shadows):
         raise ValueError(f"bounces must be 0 or more, and need shadows; got {bounces}")
+    vectors = vectors / np.abs(vectors).max(axis=1, keepdims=True)
     return height, albedo, vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.kernels.transfer import encode_srgb
+from intaglio.render.arguments import number, real_array, shaped
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class Comparison:
     ssim: float
     flip: float
     difference: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("rmse", "psnr", "ssim", "flip"):
+            number(-np.inf, np.inf)(name, getattr(self, name), {})
+        object.__setattr__(self, "difference", shaped(None, None, 3)("difference", self.difference, {}).astype(np.float32))
 
 
 def compare(image: np.ndarray, reference: np.ndarray) -> Comparison:
@@ -83,15 +89,13 @@ def compare(image: np.ndarray, reference: np.ndarray) -> Comparison:
     from flip_evaluator import evaluate
     from skimage.metrics import structural_similarity
 
-    image, reference = (np.asarray(a, np.float32) for a in (image, reference))
+    image, reference = (_single(name, a) for name, a in (("image", image), ("reference", reference)))
     if image.shape != reference.shape:
-        raise ValueError(f"images differ in shape: {image.shape} against {reference.shape}")
+        raise ValueError(f"images differ in shape: image {image.shape} against reference {reference.shape}")
     if image.ndim == 2:
         image, reference = (np.repeat(a[:, :, None], 3, axis=2) for a in (image, reference))
     if image.ndim != 3 or image.shape[2] != 3 or min(image.shape[:2]) < 11:
-        raise ValueError(f"images must be (H, W, 3) or (H, W) with at least 11 pixels a side, not {image.shape}")
-    if not (np.isfinite(image).all() and np.isfinite(reference).all()):
-        raise ValueError("an image has values that are not finite (NaN or infinite)")
+        raise ValueError(f"image and reference must be (H, W, 3) or (H, W) with at least 11 pixels a side, not {image.shape}")
     rmse = float(np.sqrt(np.mean((image.astype(np.float64) - reference) ** 2)))
     shown, wanted = encode_srgb(image), encode_srgb(reference)
     mse = float(np.mean((shown.astype(np.float64) - wanted) ** 2))
@@ -106,3 +110,10 @@ def compare(image: np.ndarray, reference: np.ndarray) -> Comparison:
         flip=float(flip),
         difference=np.asarray(difference, np.float32),
     )
+
+
+def _single(name: str, value: np.ndarray) -> np.ndarray:
+    array = real_array(name, value)
+    if array.size and np.abs(array).max() > np.finfo(np.float32).max:
+        raise ValueError(f"{name} has values that are not finite in single precision")
+    return array.astype(np.float32)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.render.arguments import checked
 from intaglio.render.relightable import textured_mesh
 from intaglio.render.variants import mitsuba
 from intaglio.render.views import Light, Viewpoint, distant_light, light_towards, make_sensor, over_background
@@ -19,6 +20,7 @@ def color_bitmap(image: np.ndarray) -> dict[str, Any]:
     return {"type": "bitmap", "bitmap": bitmap, "raw": True, "format": "variant", "wrap_mode": "clamp"}
 
 
+@checked()
 def lit_texture(
     vertices: np.ndarray,
     faces: np.ndarray,

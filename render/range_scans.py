@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from intaglio.render.arguments import checked, numbers, real_array
 from intaglio.render.variants import mitsuba, variant
 from intaglio.render.views import Viewpoint, make_mesh
 
@@ -42,6 +43,16 @@ class RangeImage:
     depth: np.ndarray
     view: np.ndarray
 
+    def __post_init__(self) -> None:
+        points, depth = (real_array(name, getattr(self, name), finite=False) for name in ("points", "depth"))
+        if points.ndim != 3 or points.shape[2] != 3:
+            raise ValueError(f"points must be (H, W, 3), not {points.shape}")
+        if depth.shape != points.shape[:2]:
+            raise ValueError(f"depth must be {points.shape[:2]} as points are, not {depth.shape}")
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "depth", depth)
+        object.__setattr__(self, "view", np.array(numbers("view", self.view, 3)))
+
 
 def camera_rays(camera: Viewpoint, size: tuple[int, int]) -> np.ndarray:
     """Return unit directions (H, W, 3) through the pixel centres of a camera; row 0 is the top."""
@@ -59,6 +70,7 @@ def camera_rays(camera: Viewpoint, size: tuple[int, int]) -> np.ndarray:
     return rays / np.linalg.norm(rays, axis=2, keepdims=True)
 
 
+@checked()
 def range_scan(
     vertices: np.ndarray,
     faces: np.ndarray,
@@ -112,8 +124,6 @@ def range_scan(
     >>> scan.points.shape, np.allclose(scan.points[..., 2], 0, atol=1e-5)
     ((4, 6, 3), True)
     """
-    if noise < 0:
-        raise ValueError(f"noise must not be negative, not {noise}")
     mi = mitsuba()
     origin = np.asarray(camera.origin, np.float64)
     shift = np.asarray(camera.target, np.float64)

@@ -13,11 +13,26 @@ from typing import Any
 
 import numpy as np
 
+from intaglio.render.arguments import checked, function, numbers, shaped
 from intaglio.render.variants import mitsuba
 from intaglio.render.views import Viewpoint, distant_light, filled_mesh, lit_mesh, make_sensor, over_background
 
 # From the components of the light's unit vector, and the functions of an array library, to n coefficients.
 Coefficients = Callable[[Any, Any, Any, Any], list[Any]]
+
+
+def _repeat(name: str, value: Any, _: dict[str, Any]) -> tuple[float, ...]:
+    return numbers(name, value, 2, 0.0, 1e6)
+
+
+def _check_coefficients(coefficients: Coefficients, count: int) -> None:
+    """Raise `ValueError` unless there is a finite weight for each map under a light from above."""
+    try:
+        given = np.array([float(c) for c in coefficients(np.float64(0.0), np.float64(0.0), np.float64(1.0), np)])
+    except Exception as error:
+        raise ValueError(f"coefficients fail under a light from above: {type(error).__name__}: {error}") from error
+    if given.shape != (count,) or not np.isfinite(given).all():
+        raise ValueError(f"coefficients must return {count} finite numbers, one for each of the maps, not {given.tolist()}")
 
 
 class DrJitMaths:
@@ -54,6 +69,7 @@ class DrJitMaths:
         return _drjit().maximum(a, b)
 
 
+@checked(maps=shaped(None, None, None, (1, 3)), coefficients=function, chroma=shaped(None, None, 3), repeat=_repeat)
 def relightable_bsdf(
     maps: np.ndarray,
     coefficients: Coefficients,
@@ -111,10 +127,16 @@ def relightable_bsdf(
     >>> relit_plane(bsdf, size=(4, 4), light=(0, 0.6, 0.8))[0, 0].round(3)
     array([0.4, 0.4, 0.4], dtype=float32)
     """
+    _check_coefficients(coefficients, len(maps))
+    if chroma is not None and (chroma.shape[:2] != maps.shape[1:3] or maps.shape[3] != 1):
+        raise ValueError(
+            f"chroma must be {(*maps.shape[1:3], 3)}, beside maps of one channel, not {chroma.shape} beside {maps.shape}"
+        )
     mi = mitsuba()
     return _bsdf_class(mi.variant())(mi.Properties(), maps, coefficients, chroma, repeat, tiled, smooth, back)
 
 
+@checked(normal=shaped(None, None, 3), albedo=shaped(None, None, (1, 3)))
 def matte_bsdf(normal: np.ndarray, albedo: np.ndarray) -> Any:
     """Make Mitsuba's own diffuse BSDF with a normal map, to compare with.
 
@@ -162,6 +184,7 @@ def textured_mesh(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, bsdf:
     return filled_mesh(vertices, faces, bsdf, uv=uv, flat=flat)
 
 
+@checked()
 def relit(
     vertices: np.ndarray,
     faces: np.ndarray,
@@ -226,6 +249,7 @@ def relit(
     return _render(mesh, sensor, light, samples, seed, background)
 
 
+@checked()
 def relit_plane(
     bsdf: Any, size: tuple[int, int], light: np.ndarray, *, samples: int = 1, seed: int = 0, facing: bool = True
 ) -> np.ndarray:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
 
+from intaglio.render.arguments import shown
+
 _OLDEST_LLVM = 17
 _PLACES = (
     "/usr/lib/*-linux-gnu/libLLVM*.so*",
@@ -55,6 +57,11 @@ class Variant:
     name: str
     reason: str
     llvm: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("name", self.name), ("reason", self.reason), ("llvm", self.llvm)):
+            if not isinstance(value, str) and not (name == "llvm" and value is None):
+                raise ValueError(f"{name} must be text, not {shown(value)}")
 
     @property
     def vectorized(self) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from intaglio.render.arguments import checked, instance, number, numbers, shaped
 from intaglio.render.variants import mitsuba
 
 #: Linear reflectance of the clay in which meshes without colours are shown.
@@ -44,6 +46,17 @@ class Viewpoint:
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
     fov: float = 25.0
 
+    def __post_init__(self) -> None:
+        for name in ("origin", "target", "up"):
+            object.__setattr__(self, name, numbers(name, getattr(self, name), 3))
+        number(0, 180, open_ends=True)("fov", self.fov, {})
+        along = np.subtract(self.target, self.origin)
+        if not along.any():
+            raise ValueError(f"origin and target must be two places, not both {self.origin}")
+        up = np.array(self.up)
+        if not up.any() or not np.cross(along / np.abs(along).max(), up / np.abs(up).max()).any():
+            raise ValueError(f"up must not be zero nor along the line of sight, not {self.up}")
+
 
 @dataclass(frozen=True)
 class Light:
@@ -76,7 +89,12 @@ class Light:
     strength: float = 4.2
     fill: float = 0.4
 
+    def __post_init__(self) -> None:
+        for name, low in (("tilt", -1e6), ("slant", -1e6), ("strength", 0), ("fill", 0)):
+            number(low, 1e6)(name, getattr(self, name), {})
 
+
+@checked()
 def frame(
     vertices: np.ndarray, direction: np.ndarray, *, up: ArrayLike = (0.0, 1.0, 0.0), fov: float = 25.0, margin: float = 1.1
 ) -> Viewpoint:
@@ -109,22 +127,31 @@ def frame(
     >>> camera.target, camera.origin[2] > 4
     ((0.0, 0.0, 0.0), True)
     """
-    vertices = np.asarray(vertices, np.float64)
-    towards = np.asarray(direction, np.float64)
-    towards = towards / np.linalg.norm(towards)
+    towards = direction / np.linalg.norm(direction)
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     radius = float(np.linalg.norm(vertices - middle, axis=1).max())
     distance = margin * radius / np.sin(np.radians(fov) / 2)
+    if not radius > 0 or not distance < 1e15:
+        raise ValueError("vertices all lie in one place, or fov is too narrow to show them")
     upward = np.asarray(up, np.float64)
     if abs(upward @ towards) > 0.99 * np.linalg.norm(upward):
         upward = np.eye(3)[np.argmin(np.abs(towards))]
     return Viewpoint(_triple(middle + distance * towards), _triple(middle), _triple(upward), fov)
 
 
+def _colors(name: str, value: Any, before: dict[str, Any]) -> np.ndarray:
+    return shaped(len(before["vertices"]), 3)(name, value, before)
+
+
+def _reflectances(name: str, value: Any, _: dict[str, Any]) -> tuple[float, ...]:
+    return numbers(name, value, 3, 0.0, 1.0)
+
+
 def _triple(vector: np.ndarray) -> tuple[float, float, float]:
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
+@checked(colors=_colors, light=instance("Light"), albedo=_reflectances)
 def view(
     vertices: np.ndarray,
     faces: np.ndarray,
