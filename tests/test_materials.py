@@ -222,3 +222,12 @@ def test_real_materials(real, name, kinds):
     if "normal" in kinds:
         length = np.linalg.norm(material.maps["normal"].astype(float) * 2 - 1, axis=2)
         assert np.abs(length - 1).max() < 0.021
+
+
+def test_deep_colours_are_encoded_whether_or_not_they_say_so(tmp_path):
+    deep = COLOR.astype(np.uint16) * 257
+    intaglio.write_image(deep / 65535, tmp_path / "w_Color.png", bits=16, linear=True)
+    material = intaglio.read_material(tmp_path)
+    np.testing.assert_allclose(material.maps["color"], decode_srgb(deep / np.float32(65535)), atol=1e-5)
+    material.write(tmp_path / "out")
+    np.testing.assert_array_equal(read_samples(tmp_path / "out" / "w_Color.png"), deep)

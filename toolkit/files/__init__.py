@@ -1,9 +1,9 @@
 """Files that appear whole: images, EXR, pages of HTML."""
 
 from intaglio.files.exr import read_exr, read_exr_header, write_exr
-from intaglio.files.image_kinds import IMAGE_SUFFIXES, READABLE_SUFFIXES
-from intaglio.files.images import read_image, read_samples, write_image, write_samples
 from intaglio.files.guard import guard_inputs, remove_unfinished
+from intaglio.files.image_kinds import IMAGE_SUFFIXES, READABLE_SUFFIXES
+from intaglio.files.images import read_image, read_image_with_type, read_samples, write_image, write_samples
 from intaglio.files.limits import check_memory, limit_memory, memory_limit
 from intaglio.files.pages import inline_image, listing, picture_row, table, write_page
 from intaglio.files.paths import check_folder, check_readable, check_writable, whole_file, whole_folder
@@ -24,6 +24,7 @@ __all__ = [
     "read_exr",
     "read_exr_header",
     "read_image",
+    "read_image_with_type",
     "read_samples",
     "remove_unfinished",
     "table",

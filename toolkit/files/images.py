@@ -34,10 +34,13 @@ def read_image(path: PathLike, *, linear: bool | None = None, orient: bool = Tru
     Parameters
     ----------
     path : path
-        PNG, JPEG, TIFF, TGA or BMP with 8 or 16 bits per channel (or a float TIFF), or EXR; the suffix decides.
+        PNG, JPEG, TIFF (8, 16 bits or floats, however compressed), EXR, WebP, Radiance HDR, TGA, BMP, JPEG 2000, or a raw
+        photograph (with the extra ``raw``). The content decides; where the name says another type, a warning tells.
     linear : bool, optional
         Whether the stored values are linear already. Default None: 8-bit values are decoded from sRGB, as cameras and
-        paint programs store them; 16-bit and float values are taken as linear. Integers are scaled to [0, 1] either way.
+        paint programs store them, or by the colour profile in the file; so are 16-bit colours where the file says that they
+        are encoded (a profile, EXIF, PNG's sRGB chunk). All others, 16-bit grey and floats among them, are taken as linear.
+        Integers are scaled to [0, 1] either way.
     orient : bool, optional
         Turn the image as its EXIF orientation says, so that row 0 is the top as viewers show it. Default True; False gives
         the pixels in the order in which they are stored, as calibrations of cameras count them.
@@ -45,14 +48,17 @@ def read_image(path: PathLike, *, linear: bool | None = None, orient: bool = Tru
     Returns
     -------
     (H, W) or (H, W, C) float32 array
-        Linear values; row 0 is the top. A grey image is (H, W). C is 3, or 4 with alpha, which is never decoded; an EXR
-        gives its R, G, B and A, or its single channel.
+        Linear values of Rec.709; row 0 is the top. A grey image is (H, W). C is 3, or 4 with alpha, which is never decoded;
+        an EXR gives its R, G, B and A, or its single channel. Of several pages, frames or parts the first is read, and a
+        warning tells.
 
     Raises
     ------
     FileError
-        If the file is missing, empty or damaged, its suffix is unknown or its content of another type, a TIFF has several
-        pages, or an EXR has neither R, G, B nor a single channel.
+        If the file is missing, empty or damaged, holds no image of a known type, or an EXR has neither R, G, B nor a single
+        channel.
+    InputError
+        If decoding it would take more memory than `--memory`, ``INTAGLIO_MEMORY`` (GiB) or half of what is available.
 
     See Also
     --------
@@ -75,13 +81,20 @@ def read_image(path: PathLike, *, linear: bool | None = None, orient: bool = Tru
     >>> stored[0].round(2)
     array([0.  , 0.54, 0.74, 0.88, 1.  ], dtype=float32)
     """
+    return read_image_with_type(path, linear=linear, orient=orient)[0]
+
+
+def read_image_with_type(
+    path: PathLike, *, linear: bool | None = None, orient: bool = True
+) -> tuple[Array, np.dtype[np.generic]]:
+    """Return what `read_image` returns, and the type of the samples that the file holds."""
     pixels = _read(path)
     samples = upright(pixels.samples, pixels.orientation) if checked_flag("orient", orient) else pixels.samples
     if linear is None:
         # 16 bits in colour are encoded only where the file says so.
         said = samples.ndim == 3 and (pixels.srgb or pixels.profile is not None)
         linear = not (samples.dtype == np.uint8 or (samples.dtype == np.uint16 and said))
-    return _decoded(samples, None if checked_flag("linear", linear) else pixels.profile or "srgb")
+    return _decoded(samples, None if checked_flag("linear", linear) else pixels.profile or "srgb"), samples.dtype
 
 
 def _decoded(samples: Array, encoding: ColorProfile | Literal["srgb"] | None) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_arguments
 from intaglio.errors import FileError, InputError
-from intaglio.files import READABLE_SUFFIXES, read_image, read_samples, whole_folder, write_image
+from intaglio.files import READABLE_SUFFIXES, read_image_with_type, whole_folder, write_image
 from intaglio.kernels.transfer import encode_srgb
 
 # What maps are called by ambientCG, Poly Haven, Substance, Poliigon and others.
@@ -377,16 +377,17 @@ def read_material(folder: PathLike) -> Material:
 
 def _read_map(file: _File) -> tuple[Array, int]:
     """Return a map's linear values and its bits."""
-    samples = read_samples(file.path)
-    if samples.dtype.kind in "iu" and samples.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{file.path}: holds {samples.dtype} values; a map has 8 or 16 bits, or floats")
-    whole = samples.dtype.kind == "u"
-    values = read_image(file.path, linear=file.kind not in _COLORS or not whole)
+    values, kind = read_image_with_type(file.path, linear=None if file.kind in _COLORS else True)
+    if kind == np.uint16 and file.kind in _COLORS:
+        # Colours are encoded, whether or not the file says so.
+        values, _ = read_image_with_type(file.path, linear=False)
+    if kind.kind in "iu" and kind not in (np.uint8, np.uint16):
+        raise InputError(f"{file.path}: holds {kind} values; a map has 8 or 16 bits, or floats")
     if not np.isfinite(values).all():
         raise InputError(f"{file.path}: has {int((~np.isfinite(values)).sum())} values that are not finite; a map has none")
     if file.kind in ("normal", "arm") and values.ndim != 3:
         raise InputError(f"{file.path}: is named like a map of three channels ({file.kind}), but is grey")
-    return values, samples.dtype.itemsize * 8 if whole else 32
+    return values, kind.itemsize * 8 if kind.kind == "u" else 32
 
 
 def _mended_normals(values: Array, file: _File) -> tuple[Array, list[str]]:
