@@ -45,6 +45,7 @@ def run() -> int:
         from intaglio.cli.entry import run_command
         from intaglio.files import guard_inputs
 
+        _warned.clear()
         warnings.showwarning = _show_warning
         guard_inputs()
         try:
@@ -109,6 +110,9 @@ def _say_interrupted() -> None:
             os.write(2, b"interrupted; no file was left half written\n")
 
 
+_warned: set[str] = set()
+
+
 def _show_warning(
     message: Warning | str,
     category: type[Warning],
@@ -120,7 +124,11 @@ def _show_warning(
     """Show a warning as a line: Intaglio's own for the user, others with the place that they come from."""
     text = " ".join(str(message).split())
     own = category.__name__ == "IntaglioWarning"
-    _write_error(f"warning: {text}" if own else f"warning: {text} ({category.__name__}, {os.path.basename(filename)}:{lineno})")
+    said = f"warning: {text}" if own else f"warning: {text} ({category.__name__}, {os.path.basename(filename)}:{lineno})"
+    # A file may be read more than once.
+    if said not in _warned:
+        _warned.add(said)
+        _write_error(said)
 
 
 class _Signals:
