@@ -380,12 +380,12 @@ def test_colmaps_own_files_of_all_its_models(tmp_path, kind):
         write_image(np.zeros((48, 64, 3)), tmp_path / "images" / f"set {number % 2}" / f"{name}.png")
     getattr(model, f"write_{kind}")(str(root))
     found = {p.name: p.camera for p in read_photographs(tmp_path)}
-    assert len(found) == 17
+    assert len(found) == len(list(colmap_models(pycolmap))) >= 17
     for image in model.images.values():
         wanted = np.stack([image.project_point(p) for p in POINTS])
         np.testing.assert_allclose(found[image.name].project(POINTS)[0], wanted - 0.5, atol=1e-6, err_msg=image.name)
     for path in (root, root / f"cameras.{'bin' if kind == 'binary' else 'txt'}"):
-        assert len(read_photographs(path)) == 17
+        assert len(read_photographs(path)) == len(found)
 
 
 def test_equirectangular_cameras_are_refused_by_name(tmp_path):

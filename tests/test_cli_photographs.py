@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 from shapes import grid
 from test_photographs import seen_by
 
-from intaglio import read_image, write_image, write_surface
+from intaglio import Camera, read_image, write_image, write_surface
 from intaglio.files.images import read_samples, write_samples
 from intaglio.scenes.photographs import camera_towards
 
@@ -47,6 +48,41 @@ def test_texture_writes_a_textured_mesh_and_a_report(scene, run):
     page = (scene / "report.html").read_text("utf-8")
     assert page.count("<img") == 15
     assert "view1.png" in page
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A flat square and COLMAP's project of three photographs of it through a lens, of half the calibrated size."""
+    surface = grid(12, 12)
+    write_surface(surface, tmp_path / "mesh.ply")
+    (tmp_path / "sparse" / "0").mkdir(parents=True)
+    (tmp_path / "images").mkdir()
+    lens = [-0.8, 2.0, 0.01, -0.02]
+    (tmp_path / "sparse" / "0" / "cameras.txt").write_text(f"1 OPENCV 160 160 600 600 80 80 {' '.join(map(str, lens))}\n")
+    lines = []
+    for number, direction in enumerate(((0, 0, 1.0), (0.3, 0, 1), (-0.2, 0.3, 1), (0.2, -0.3, 1))):
+        plain = camera_towards(np.array([0.5, 0.5, 0]), np.array(direction), np.array([0, 1.0, 0]), 4.0, focal=300, size=(80, 80))
+        camera = Camera(K=[[300, 0, 39.5], [0, 300, 39.5], [0, 0, 1]], R=plain.R, t=plain.t, size=(80, 80), distortion=lens)
+        if number < 3:
+            write_image(seen_by(surface, camera, alpha=False).image, tmp_path / "images" / f"view{number}.png")
+        x, y, z, w = Rotation.from_matrix(camera.R).as_quat()
+        lines.append(f"{number} {w} {x} {y} {z} {' '.join(map(str, camera.t))} 1 view{number}.JPG\n\n")
+    (tmp_path / "sparse" / "0" / "images.txt").write_text("".join(lines))
+    return tmp_path
+
+
+def test_a_project_is_textured_as_it_lies_on_disk(project, run):
+    command = ["texture", str(project / "mesh.ply"), str(project), "--size", "64", "--background", "none"]
+    code, text, errors = run(*command, "-o", str(project / "textured.glb"), "--leave-out", "view2.JPG")
+    assert code == 0, errors
+    assert "'view3.JPG' is missing and left out" in errors
+    assert "calibrations are scaled" in errors
+    found = float(text.split("left out view2.JPG: PSNR ")[1].split()[0])
+    assert found > 30
+    code, _, errors = run(*command, "-o", str(project / "strict.glb"), "--strict")
+    assert code == 2
+    assert "'view3.JPG' is in none of" in errors
+    assert not (project / "strict.glb").exists()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_choice, checked_finite, checked_vectors
+from intaglio.checks import check_fields, checked_arguments, checked_choice, checked_finite, checked_vectors
 from intaglio.errors import InputError
 from intaglio.files import read_image
 from intaglio.photographs.lens import (
@@ -83,6 +83,7 @@ class Camera:
     model: str = "opencv"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         checked_choice("model", self.model, MODELS)
         for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("t", (3,)), ("distortion", None)):
             try:
@@ -202,6 +203,7 @@ class Camera:
         """
         return reach_of(self.lens)
 
+    @checked_arguments
     def project(self, points: Array) -> tuple[Array, Array]:
         """Return where points appear in the picture.
 
@@ -241,8 +243,9 @@ class Camera:
             flat = np.where(r < self.reach, flat, np.nan)
             if self.distorts:
                 flat = distort(self.lens, flat)
-        return flat @ self.K[:2, :2].T + self.K[:2, 2], depth
+            return flat @ self.K[:2, :2].T + self.K[:2, 2], depth
 
+    @checked_arguments
     def unproject(self, pixel: Array) -> Array:
         """Return the directions in which pixels look: what `project` leads to them.
 
@@ -314,6 +317,9 @@ class Photograph:
     picture: Array | Path
     name: str = "photograph"
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+
     @property
     def image(self) -> Array:
         """Linear values of the picture.
@@ -365,17 +371,17 @@ class Photograph:
         values = self._values()
         if values.dtype.kind != "f":
             raise InputError(
-                f"{self.name}: a photograph holds linear values as floats (read_image gives them), not {values.dtype}"
+                f"{self.name}: the picture must hold linear values as floats (read_image gives them), not {values.dtype}"
             )
         if values.ndim == 2:
             values = np.repeat(values[:, :, None], 3, axis=2)
         if values.ndim != 3 or values.shape[2] not in (3, 4) or min(values.shape[:2]) < 4:
-            raise InputError(f"{self.name}: a photograph is (H, W, 3) of at least 4 x 4 pixels, not {values.shape}")
+            raise InputError(f"{self.name}: the picture must be (H, W, 3) of at least 4 x 4 pixels, not {values.shape}")
         height, width = values.shape[:2]
         expected = self.camera.size
         if expected is not None and (height, width) != tuple(expected):
             raise InputError(
-                f"{self.name}: the photograph has {width} x {height} pixels, its calibration is for "
+                f"{self.name}: the photograph's picture has {width} x {height} pixels, its calibration is for "
                 f"{expected[1]} x {expected[0]}; use the calibrated size"
             )
         cx, cy = self.camera.K[:2, 2]
@@ -385,7 +391,7 @@ class Photograph:
                 "pixels: its calibration is for another size"
             )
         if not np.isfinite(values).all():
-            raise InputError(f"{self.name}: the photograph has values that are not finite")
+            raise InputError(f"{self.name}: the photograph's picture has values that are not finite")
         mask = values[:, :, 3] > 0.5 if values.shape[2] == 4 else None
         return np.ascontiguousarray(values[:, :, :3], np.float32), mask
 

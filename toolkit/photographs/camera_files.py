@@ -254,7 +254,8 @@ def _has(names: list[str]) -> str:
 def _camera(path: Path, view: View, size: Iterable[int]) -> Camera:
     """Return a view's camera; ``size`` is its photograph's rows and columns, on which it may depend."""
     try:
-        values = view.camera(*size) if callable(view.camera) else view.camera
+        with np.errstate(all="ignore"):
+            values = view.camera(*size) if callable(view.camera) else view.camera
         return Camera(**values)
     except InputError as problem:
         raise InputError(f"{path}: view {short(view.name)}: {problem}") from problem

@@ -113,8 +113,8 @@ def distort(lens: tuple[int, Array], points: Array) -> Array:
 def undistort(lens: tuple[int, Array], points: Array, reach: float) -> Array:
     """Return the points (N, 2) at depth 1 that appear at ``points``; NaN where none within ``reach`` does."""
     family, c = lens
-    r = np.sqrt(np.sum(points**2, axis=1, keepdims=True))
     with np.errstate(all="ignore"):
+        r = np.sqrt(np.sum(points**2, axis=1, keepdims=True))
         if family in (PERSPECTIVE, FISHEYE):
             return _unwound(family, c, points, reach)
         if family == FIELD_OF_VIEW:

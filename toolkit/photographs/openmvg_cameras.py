@@ -31,8 +31,8 @@ def openmvg_views(path: Path, data: dict[str, Any]) -> Views:
     try:
         cameras, poses = _intrinsics(_items(data, "intrinsics")), {}
         for key, value in _items(data, "extrinsics"):
-            turn = matrix(value.get("rotation"), (3, 3), f"rotation of pose {key}")
-            poses[key] = pose(numbers(value.get("center"), 3, f"center of pose {key}"), turn)
+            turn = matrix(value.get("rotation"), (3, 3), f"rotation of pose {short(key)}")
+            poses[str(key)] = pose(numbers(value.get("center"), 3, f"center of pose {short(key)}"), turn)
         views = _items(data, "views")
     except InputError as problem:
         raise InputError(f"{path}: {problem}") from problem
@@ -42,13 +42,14 @@ def openmvg_views(path: Path, data: dict[str, Any]) -> Views:
         name = view.get("filename")
         if not isinstance(name, str) or not name:
             raise InputError(f"{path}: view {short(key)} has no filename")
-        if view.get("id_pose") not in poses or view.get("id_intrinsic") not in cameras:
+        place, camera = str(view.get("id_pose")), str(view.get("id_intrinsic"))
+        if place not in poses or camera not in cameras:
             missing += 1
             continue
         # Not every version names the folder below the root.
         below = view.get("local_path")
         picture = f"{below}/{name}" if isinstance(below, str) and below.strip("/\\") else name
-        found.views.append(View(name, {**cameras[view["id_intrinsic"]], **poses[view["id_pose"]]}, picture))
+        found.views.append(View(name, {**cameras[camera], **poses[place]}, picture))
     if missing and not found.views:
         raise InputError(f"{path}: none of its {missing} views has a pose; it is from before the reconstruction")
     return found
@@ -75,7 +76,7 @@ def _data(value: dict[str, Any]) -> dict[str, Any]:
     return {**base, **inner} if isinstance(base, dict) else inner
 
 
-def _intrinsics(entries: list[tuple[Any, dict[str, Any]]]) -> dict[Any, dict[str, Any]]:
+def _intrinsics(entries: list[tuple[Any, dict[str, Any]]]) -> dict[str, dict[str, Any]]:
     names: dict[int, str] = {}
     cameras = {}
     for key, value in entries:
@@ -96,5 +97,5 @@ def _intrinsics(entries: list[tuple[Any, dict[str, Any]]]) -> dict[Any, dict[str
         if place == "disto_t2":
             terms = [*terms[:3], 0.0, *terms[3:]]
         size = tuple(pixels(data.get(k), f"{k} of intrinsic {short(key)}") for k in ("height", "width"))
-        cameras[key] = {"K": intrinsic(focal, focal, cx, cy), "size": size, "distortion": terms, "model": model}
+        cameras[str(key)] = {"K": intrinsic(focal, focal, cx, cy), "size": size, "distortion": terms, "model": model}
     return cameras
