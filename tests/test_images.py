@@ -473,7 +473,7 @@ def test_profiles_give_the_colours_that_littlecms_gives(tmp_path):
     tifffile.imwrite(tmp_path / "deep.tif", inside.astype(np.uint16) * 257, photometric="rgb", iccprofile=ADOBE)
     np.testing.assert_allclose(intaglio.read_image(tmp_path / "deep.tif"), intaglio.read_image(tmp_path / "a.png"), atol=1e-5)
     np.testing.assert_allclose(intaglio.read_image(tmp_path / "a.png", linear=True), inside / 255, atol=1e-6)
-    with pytest.warns(IntaglioWarning, match=r"its colours are Adobe RGB \(1998\); they are taken as sRGB"):
+    with pytest.warns(IntaglioWarning, match=r"its colour profile is Adobe RGB \(1998\), not sRGB"):
         np.testing.assert_array_equal(read_samples(tmp_path / "a.png"), inside)
 
 

@@ -137,7 +137,11 @@ def read_samples(path: PathLike, *, orient: bool = True) -> Array:
     """
     pixels = _read(path)
     if pixels.profile is not None and pixels.profile.matrix is not None:
-        warnings.warn(f"{path}: its colours are {pixels.profile.name}; they are taken as sRGB", IntaglioWarning, stacklevel=1)
+        warnings.warn(
+            f"{path}: its colour profile is {pixels.profile.name}, not sRGB; colours are taken as sRGB",
+            IntaglioWarning,
+            stacklevel=1,
+        )
     return upright(pixels.samples, pixels.orientation) if checked_flag("orient", orient) else pixels.samples
 
 

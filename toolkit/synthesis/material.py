@@ -67,6 +67,11 @@ class Material:
     notes : tuple of str
         What was chosen and mended, in words.
 
+    Raises
+    ------
+    InputError
+        If a meaning is unknown, a map has no file's name or bits, or maps differ in size.
+
     See Also
     --------
     intaglio.read_material : Reads one.
@@ -104,6 +109,15 @@ class Material:
         -------
         (int, int)
             Rows and columns in pixels.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> ramp = np.tile(np.linspace(0, 1, 30, dtype=np.float32), (30, 1))
+        >>> material = intaglio.Material({"roughness": ramp}, {"roughness": "wood_roughness.png"}, {"roughness": 8})
+        >>> material.shape
+        (30, 30)
         """
         rows, columns = next(iter(self.maps.values())).shape[:2]
         return rows, columns
@@ -116,6 +130,15 @@ class Material:
         -------
         (H, W, n) float32 array
             The channels of the maps in their order.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> ramp = np.tile(np.linspace(0, 1, 30, dtype=np.float32), (30, 1))
+        >>> material = intaglio.Material({"roughness": ramp}, {"roughness": "wood_roughness.png"}, {"roughness": 8})
+        >>> material.values.shape
+        (30, 30, 1)
         """
         return np.concatenate([_planes(m) for m in self.maps.values()], axis=2)
 
@@ -127,6 +150,15 @@ class Material:
         -------
         (H, W, n) float32 array
             Like `values`, with colours encoded as sRGB.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> ramp = np.tile(np.linspace(0, 1, 30, dtype=np.float32), (30, 1))
+        >>> material = intaglio.Material({"roughness": ramp}, {"roughness": "wood_roughness.png"}, {"roughness": 8})
+        >>> bool((material.compared == material.values).all())
+        True
         """
         shown = [encode_srgb(m) if kind in _COLORS else m for kind, m in self.maps.items()]
         return np.concatenate([_planes(m) for m in shown], axis=2)
@@ -187,6 +219,17 @@ class Material:
         ------
         FileError
             If the folder can't be written to.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import numpy as np
+        >>> import intaglio
+        >>> ramp = np.tile(np.linspace(0, 1, 30, dtype=np.float32), (30, 1))
+        >>> material = intaglio.Material({"roughness": ramp}, {"roughness": "wood_roughness.png"}, {"roughness": 8})
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     [path.name for path in material.write(folder)]
+        ['wood_roughness.png']
         """
         with whole_folder(folder) as beside:
             for kind, values in self.maps.items():
