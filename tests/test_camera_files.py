@@ -265,6 +265,15 @@ def visualsfm_fixed(folder):
     return visualsfm(folder, "FixedK 80 31 81 24.75 -0.05")[0], camera(fy=81, lens=[-0.05], model="inverse")
 
 
+def bundler_of_others(folder):
+    """RealityCapture's list has another name, and names may have spaces."""
+    bundler(folder)
+    (folder / "a.png").rename(folder / "a b.png")
+    (folder / "list.txt").unlink()
+    (folder / "imagelist.lst").write_text("D:\\shots\\a b.png\nb.png\n")
+    return "bundle.out", camera(cx=31.5, cy=23.5, lens=[-0.08, 0.03])
+
+
 def bundler(folder):
     rows = "\n".join(" ".join(map(str, r)) for r in (*(FLIP @ TURN), FLIP @ SHIFT))
     (folder / "bundle.out").write_text(f"# Bundle file v0.3\n2 0\n80 -0.08 0.03\n{rows}\n" + "0 0 0\n" * 5)
@@ -322,6 +331,7 @@ WRITERS = [
     visualsfm,
     visualsfm_fixed,
     bundler,
+    bundler_of_others,
     mve,
     own,
 ]
@@ -442,6 +452,23 @@ def test_a_folder_of_the_name_decides_between_equal_names(tmp_path):
     with pytest.raises(InputError, match=r"could be .*one.a.png or .*two.a.png"):
         read_photographs(one_view(tmp_path, "a.png"))
     assert read_photographs(one_view(tmp_path, "a.png"), images=tmp_path / "one")[0].picture == tmp_path / "one" / "a.png"
+
+
+def test_equal_names_in_several_folders_are_told_apart(tmp_path):
+    meshroom_old(tmp_path)
+    data = json.loads((tmp_path / "cameras.sfm").read_text())
+    data["views"] = [{**data["views"][0], "path": f"/shots/{place}/a.png"} for place in ("left", "right")]
+    for place, value in (("left", 0.2), ("right", 0.8)):
+        (tmp_path / place).mkdir()
+        write_image(np.full((48, 64, 3), value), tmp_path / place / "a.png")
+    (tmp_path / "cameras.sfm").write_text(json.dumps(data))
+    found = read_photographs(tmp_path)
+    assert [p.name for p in found] == ["shots/left/a.png", "shots/right/a.png"]
+    assert [p.picture.parent.name for p in found] == ["left", "right"]
+    data["views"] = data["views"][:1] * 2
+    (tmp_path / "cameras.sfm").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=r"names a view twice: shots/left/a\.png"):
+        read_photographs(tmp_path)
 
 
 def test_masks_are_no_photographs(tmp_path):
@@ -592,6 +619,7 @@ def test_coefficients_that_nerf_files_give_in_vain_are_named(folder, key):
         ("c.csv", "a,b\n1,2\n", "no column name"),
         ("c.csv", "#name,x,y,alt,heading,pitch,roll,f\na.png,1,2,3,4,5,6\n", "f is no number"),
         ("c.csv", "#name,x,y,alt,heading,pitch,roll,f\na.png,1,2,3,4,5,6,0\n", "positive focal lengths"),
+        ("c.csv", "#name,x,y,alt,heading,pitch,roll,f,k5\na.png,1,2,3,4,5,6,28,0.1\n", "its lens has k5"),
         ("c.xml", "<document>", "is not XML"),
         ("c.xml", "<document/>", "has no chunk"),
         ("c.xml", '<!DOCTYPE x [<!ENTITY a "b">]><document/>', "defines entities"),

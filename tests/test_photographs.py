@@ -447,6 +447,46 @@ def test_bad_arguments_are_named(ball, change, message):
         combine_photographs(**arguments)
 
 
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda s, uv, t, p: border_step(t.image), "texture"),
+        (lambda s, uv, t, p: border_step(replace(t, known=t.known[1:])), "known"),
+        (lambda s, uv, t, p: border_step(replace(t, weight=t.weight[:, :, 0])), "weight"),
+        (lambda s, uv, t, p: restore_texture(None), "texture"),
+        (lambda s, uv, t, p: restore_texture(replace(t, chart=t.chart[:, :5])), "chart"),
+        (lambda s, uv, t, p: write_textured(s, uv, t.image, "never.glb"), "texture"),
+        (lambda s, uv, t, p: write_textured(s, uv.uv, t, "never.glb"), "uv"),
+        (lambda s, uv, t, p: write_textured(s.vertices, uv, t, "never.glb"), "surface"),
+        (lambda s, uv, t, p: write_textured(s, uv, t, 3), "path"),
+        (lambda s, uv, t, p: write_textured(sphere(1), uv, t, "never.glb"), "another surface"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.known.view(np.matrix), t.known, p), "image"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image, t.known[:5].view(np.matrix), p), "known"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image * np.nan, t.known, p), "image"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image, t.known, p.camera), "photograph"),
+        (lambda s, uv, t, p: compare_with_photograph(sphere(1), uv, t.image, t.known, p), "another surface"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image, t.known, p, reduce=0), "reduce"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image, t.known, p, reduce=500), "reduce"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image, t.known, p, samples=2.5), "samples"),
+        (lambda s, uv, t, p: compare_with_photograph(s, uv, t.image, t.known, p, seed=-1), "seed"),
+    ],
+)
+def test_what_is_no_texture_or_photograph_is_named(ball, call, name):
+    surface, laid, taken = ball
+    made = combine_photographs(surface, laid, taken[:2], 32)
+    with pytest.raises(InputError, match=name):
+        call(surface, laid, made, taken[0])
+
+
+def test_matrices_of_numpy_are_arrays(ball):
+    surface, laid, taken = ball
+    made = combine_photographs(surface, laid, taken, 64)
+    found = compare_with_photograph(surface, laid, made.image, made.known.view(np.matrix), taken[0], samples=2)
+    assert found.comparison.ssim > 0.9
+    grey = Photograph(camera=taken[0].camera, picture=np.full((72, 72), 0.5).view(np.matrix))
+    assert grey.image.shape == (72, 72, 3)
+
+
 @pytest.mark.parametrize("option", [{"background": None}, {"background_threshold": 0.1}, {"grazing": 70}])
 def test_options_of_a_new_binding_are_refused_beside_a_given_one(ball, option):
     surface, uv, taken = ball

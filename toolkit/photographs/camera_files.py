@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -124,7 +126,11 @@ def read_photographs(path: PathLike, *, images: PathLike | None = None, strict: 
     ('front.png', (8, 8, 3))
     """
     path, folder = Path(path), None if images is None else Path(images)
-    if folder is not None and not folder.is_dir():
+    try:
+        lacking = folder is not None and not folder.is_dir()
+    except OSError as problem:
+        raise FileError(f"{folder}: is no usable folder name ({problem.strerror})") from problem
+    if lacking:
         raise FileError(f"{folder}: is not a folder")
     path, reader = _reader(path)
     try:
@@ -137,9 +143,7 @@ def read_photographs(path: PathLike, *, images: PathLike | None = None, strict: 
         raise FileError(f"{path}: is no readable camera file ({type(problem).__name__}: {short(problem)})") from problem
     if not views.views:
         raise InputError(f"{path}: holds no view")
-    names = [view.name for view in views.views]
-    if len(set(names)) < len(names):
-        raise InputError(f"{path}: names a view twice: {short(next(n for n in names if names.count(n) > 1))}")
+    views.views = _with_own_names(path, views.views)
     found, notes = _photographs(
         path, views, PictureFolders(path if path.is_dir() else path.parent, folder, views.folders), strict
     )
@@ -193,6 +197,27 @@ def _in_folder(folder: Path) -> tuple[Path, Callable[[Path], Views]]:
         f"{folder}: the folder holds no cameras that are known: COLMAP's cameras.bin or .txt (here or in sparse/0), "
         "transforms.json, sfm_data.json, a .sfm, .xml, .csv, .nvm or .out file"
     )
+
+
+def _with_own_names(path: Path, views: list[View]) -> list[View]:
+    """Return the views, those of one name told apart by the folders of their photographs.
+
+    Raises
+    ------
+    InputError
+        If they can't be.
+    """
+    count = Counter(view.name for view in views)
+    if len(count) == len(views):
+        return views
+    made = [
+        view if count[view.name] == 1 else replace(view, name=(view.picture or view.name).replace("\\", "/").lstrip("/"))
+        for view in views
+    ]
+    again = Counter(view.name for view in made)
+    if len(again) < len(made):
+        raise InputError(f"{path}: names a view twice: {short(again.most_common(1)[0][0])}")
+    return made
 
 
 def _photographs(path: Path, views: Views, folders: PictureFolders, strict: bool) -> tuple[list[Photograph], list[str]]:

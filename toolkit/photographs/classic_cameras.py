@@ -30,6 +30,22 @@ def _centered(values: dict[str, Any], focal: float, height: int, width: int) -> 
     return {**values, "K": intrinsic(focal, focal, (width - 1) / 2, (height - 1) / 2), "size": (height, width)}
 
 
+def _list_for(path: Path) -> Path:
+    """Return the list of photographs for Bundler's .out: list.txt beside it or above, or the only .lst of another program."""
+    own = [folder / "list.txt" for folder in (path.parent, path.parent.parent)]
+    others = sorted(path.parent.glob("*.lst"))
+    return next((p for p in own if p.is_file()), others[0] if len(others) == 1 else own[0])
+
+
+def _name(row: list[str]) -> str:
+    """Return the name in a line of Bundler's list, which may have spaces, and a 0 and a focal length behind it."""
+    try:
+        behind = len(row) > 2 and [float(word) for word in row[-2:]]
+    except ValueError:
+        behind = False
+    return " ".join(row[:-2] if behind else row)
+
+
 def bundler_views(path: Path) -> Views:
     """Bundler looks along -z with y up: its second and third axes are turned. list.txt beside it names the photographs."""
     rows = _rows(path)
@@ -38,10 +54,8 @@ def bundler_views(path: Path) -> Views:
     count = _count(rows[0][0], path)
     if len(rows) < 1 + 5 * count:
         raise InputError(f"{path}: promises {count} cameras, its {len(rows)} lines can't hold them")
-    beside = next(
-        (p for p in (path.parent / "list.txt", path.parent.parent / "list.txt") if p.is_file()), path.parent / "list.txt"
-    )
-    names = [row[0] for row in _rows(check_readable(beside))]
+    beside = _list_for(path)
+    names = [_name(row) for row in _rows(check_readable(beside))]
     if len(names) != count:
         raise InputError(f"{path}: has {count} cameras, but {beside} names {len(names)} photographs")
     found = Views()

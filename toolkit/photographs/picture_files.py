@@ -186,7 +186,7 @@ def picture_size(path: Path) -> PictureSize:
                 if image.format in _BY_HEADER:
                     return PictureSize(image.size[::-1], image.getexif().get(_ORIENTATION) in _TURNING)
                 if image.format == "TIFF" and path.suffix.lower() in (".tif", ".tiff"):
-                    tags = image.tag_v2  # type: ignore[attr-defined]
+                    tags = image.tag_v2
                     return PictureSize((int(tags[_LENGTH]), int(tags[_WIDTH])), tags.get(_ORIENTATION) in _TURNING)
         except Exception:
             # What is wrong with a damaged file, its own reader says below.

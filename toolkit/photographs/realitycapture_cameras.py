@@ -7,6 +7,7 @@ terms are named the other way round than OpenCV's, as the program's own export f
 from __future__ import annotations
 
 import csv
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from intaglio.photographs.metashape_cameras import xml_root
 _NAMES = {"heading": "yaw", "f_35mm": "f", "px_norm": "px", "py_norm": "py", "z": "alt", "#name": "name"}
 _NEEDED = ("name", "x", "y", "alt", "yaw", "pitch", "roll", "f")
 _LENS = ("k1", "k2", "k3", "k4", "t1", "t2")
+_COEFFICIENT = re.compile(r"^[kpst]\d+$|^skew$")
 
 _XCR = "{http://www.capturingreality.com/ns/xcr/1.1#}"
 
@@ -53,6 +55,9 @@ def csv_views(path: Path) -> Views:
             x, y, z, yaw, pitch, roll, f = (number(entry.get(key), key) for key in _NEEDED[1:])
             px, py, *lens = (number(entry.get(key) or 0.0, key) for key in ("px", "py", *_LENS))
             # Turned about z by the compass, about x by the pitch, about y by the roll, of a camera with OpenGL's axes.
+            strange = [k for k in entry if _COEFFICIENT.match(k) and k not in _LENS and number(entry[k] or 0.0, k)]
+            if strange:
+                raise InputError(f"its lens has {strange[0]}, which is not read; known: {', '.join(_LENS)}")
             to_world = _about(2, -yaw) @ _about(0, pitch) @ _about(1, roll)
             values = pose(np.array([x, y, z]), OPENGL @ to_world.T)
             found.views.append(View(name, partial(_camera, values, (f / 36, px, py, 0.0, 1.0), lens)))
