@@ -103,7 +103,8 @@ def _curve(tag: bytes) -> Array:
         raise ValueError("no tone curve")
     (kind,) = struct.unpack_from(">H", tag, 8)
     count = (1, 3, 4, 5, 7)[kind]
-    g, a, b, c, d, e, f = (*(v / 65536 for v in struct.unpack_from(f">{count}i", tag, 12)), *(0.0,) * (7 - count))
+    given = [value / 65536 for value in struct.unpack_from(f">{count}i", tag, 12)]
+    g, a, b, c, d, e, f = given + [0.0] * (7 - count)
     if kind == 0:
         return x**g
     if kind in (1, 2):

@@ -149,7 +149,7 @@ def _chosen(path: Path, headers: list[dict[str, Any]], part: str | int | None) -
         return names.index(part), ()
     if isinstance(part, int | np.integer) and not isinstance(part, bool) and 0 <= part < len(names):
         return int(part), ()
-    raise InputError(f"{path}: has no part {part!r}; it has {len(names)}: {', '.join(names[:12])}")
+    raise InputError(f"{path}: has no part {shown(part)}; it has {len(names)}: {', '.join(names[:12])}")
 
 
 def _check_memory(path: Path, header: Mapping[str, Any]) -> None:
@@ -160,7 +160,9 @@ def _check_memory(path: Path, header: Mapping[str, Any]) -> None:
         raise FileError(f"{path}: is damaged: its data window is {width} x {height} pixels")
     count = len(header["channels"])
     # The channels as they are stored, and in single precision.
-    check_memory(path, width * height * count * 8, f"an EXR of {width} x {height} pixels in {count} channels")
+    check_memory(
+        path, width * height * count * 8, f"an EXR of {width} x {height} pixels in {count} channel{'s' if count > 1 else ''}"
+    )
 
 
 @checked_arguments

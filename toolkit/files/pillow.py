@@ -34,8 +34,9 @@ def read_by_pillow(path: Path, kind: str) -> Pixels:
     """Read the first image of a file of the given kind."""
     with _opened(path, kind) as image:
         deep = _too_deep(path, kind, image)
-        channels = len(image.getbands())
-        check_image_memory(path, *image.size, max(channels, 3 if image.mode == "P" else channels), 2 if deep else 1)
+        width, height = image.size
+        channels = 3 if image.mode == "P" else len(image.getbands())
+        check_image_memory(path, width, height, channels, 2 if deep else 1)
         notes = []
         frames = getattr(image, "n_frames", 1) if kind in ("PNG", "WebP") else 1
         if frames > 1:
