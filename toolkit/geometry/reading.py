@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,19 +9,20 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_number, checked_positive
+from intaglio.checks import checked_arguments, checked_number, checked_positive
 from intaglio.errors import FileError, InputError
 from intaglio.files import READABLE_SUFFIXES, check_readable, read_image, read_samples
+from intaglio.geometry.normals import normals_facing
 from intaglio.geometry.point_set import GeometryTexture
 from intaglio.geometry.texture import geometry_from_height, geometry_from_mesh, geometry_from_points
-from intaglio.mesh import load_mesh, vertex_colors
+from intaglio.mesh import POINT_FILES, holds_points, read_point_file, read_surface
 
-POINT_FILES = (".xyz", ".txt", ".pts")
 _MESHES = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
 # Default range of a height map, as a share of its shorter side.
 _RELIEF = 1 / 30
 
 
+@checked_arguments
 def read_geometry_texture(
     path: PathLike,
     *,
@@ -40,8 +40,9 @@ def read_geometry_texture(
     path : path
         The file:
 
-        * points: .ply, .obj (``v`` and ``vn`` lines without faces) or .xyz, .txt, .pts (a line x y z, or x y z nx ny nz,
-          each);
+        * points: .las, .laz, .e57 (``pip install 'intaglio[points]'``), .xyz, .txt, .csv, .asc, .pts, .ptx, .pcd, and .ply or
+          .obj without faces. Normals are taken from the file, else estimated: facing the scanner where the file says where
+          it stood;
         * a mesh, which is sampled evenly: .ply, .obj, .stl, .off, .gltf, .glb;
         * a height map: .png, .tif, .exr, .jpg.
     bounds : (2, 3) array, optional
@@ -63,7 +64,7 @@ def read_geometry_texture(
     Returns
     -------
     GeometryTexture
-        The points, their bounds and the distance of samples.
+        The points, their bounds and the distance of samples; notes say what was left out, estimated or mended.
 
     Raises
     ------
@@ -100,98 +101,28 @@ def read_geometry_texture(
             )
     common: dict[str, Any] = {"bounds": bounds, "spacing": spacing}
     try:
-        if kind in POINT_FILES:
-            points, normals = _read_table(path)
-            return geometry_from_points(points, normals, axis=axis, **common)
-        if kind == ".obj" and (found := _obj_points(path)) is not None:
-            return geometry_from_points(*found, axis=axis, **common)
+        if kind in POINT_FILES or (kind in (".ply", ".obj") and holds_points(path)):
+            return _from_point_file(path, axis, common)
         if kind in _MESHES:
-            return _from_mesh_file(path, axis, common, seed)
+            mesh = read_surface(path)
+            made = geometry_from_mesh(mesh.vertices, mesh.faces, color=mesh.color, axis=axis, seed=seed, **common)
+            return replace(made, notes=mesh.notes + made.notes)
         if picture:
             return _from_picture(path, height, 1.0 if pixel is None else pixel, common, seed)
     except InputError as problem:
-        raise InputError(f"{path}: {problem}") from problem
+        raise problem if str(problem).startswith(f"{path}: ") else InputError(f"{path}: {problem}") from problem
     known = (*POINT_FILES, *_MESHES, *READABLE_SUFFIXES)
     raise FileError(f"{path}: unknown type {kind!r} of a swatch; known: {', '.join(sorted(set(known)))}")
 
 
-def holds_points(path: Path) -> bool:
-    """Return whether a file holds points without faces: a list of points, or a PLY or OBJ file of nothing else."""
-    kind = path.suffix.lower()
-    if kind == ".obj":
-        return _obj_points(path) is not None
-    if kind == ".ply":
-        with open(path, "rb") as file:
-            header = file.read(65536).split(b"end_header")[0].split(b"\n")
-        counts = [line.split()[2] for line in header if line.startswith((b"element face", b"element range_grid"))]
-        return all(count == b"0" for count in counts)
-    return kind in POINT_FILES
-
-
-def _read_table(path: Path) -> tuple[Array, Array | None]:
-    """Rows of x y z, or x y z nx ny nz; commas count as spaces, lines that begin with # or // are skipped."""
-    rows: list[list[float]] = []
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            words = line.replace(",", " ").replace(";", " ").split()
-            if not words or words[0].startswith(("#", "//")):
-                continue
-            # The .pts format, and some writers of .xyz, begin with the number of points.
-            if not rows and len(words) == 1 and words[0].isdigit():
-                continue
-            try:
-                rows.append([float(word) for word in words])
-            except ValueError as problem:
-                raise FileError(f"{path}: line {number} holds {line.strip()[:40]!r} where numbers are needed") from problem
-    widths = {len(row) for row in rows}
-    if len(widths) != 1 or not widths <= {3, 6}:
-        raise FileError(f"{path}: lines must hold 3 numbers (x y z) or 6 (x y z nx ny nz), all alike; found {sorted(widths)}")
-    table = np.array(rows)
-    return table[:, :3], table[:, 3:] if table.shape[1] == 6 else None
-
-
-def _obj_points(path: Path) -> tuple[Array, Array | None] | None:
-    """Points and normals of an OBJ file without faces; None where it has faces."""
-    points: list[list[float]] = []
-    normals: list[list[float]] = []
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            words = line.split()
-            if not words or words[0] not in ("v", "vn", "f", "fo"):
-                continue
-            if words[0] in ("f", "fo"):
-                return None
-            try:
-                (points if words[0] == "v" else normals).append([float(word) for word in words[1:4]])
-            except ValueError as problem:
-                raise FileError(f"{path}: line {number} holds {line.strip()[:40]!r} where numbers are needed") from problem
-    if any(len(row) != 3 for row in points + normals):
-        raise FileError(f"{path}: has points or normals of fewer than 3 numbers")
-    if normals and len(normals) != len(points):
-        raise InputError(f"holds {len(points)} points but {len(normals)} normals; a normal for each, or none, is needed")
-    return np.array(points).reshape(-1, 3), np.array(normals) if normals else None
-
-
-def _from_mesh_file(path: Path, axis: int | str | None, common: dict[str, Any], seed: int) -> GeometryTexture:
-    mesh = load_mesh(path)
-    vertices = np.asarray(getattr(mesh, "vertices", np.zeros((0, 3))), np.float64)
-    if not len(vertices):
-        raise InputError("holds no points")
-    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
-    color = vertex_colors(mesh, len(vertices))
-    if len(faces):
-        return geometry_from_mesh(vertices, faces, color=color, axis=axis, seed=seed, **common)
-    return geometry_from_points(vertices, _ply_normals(mesh, len(vertices)), color=color, axis=axis, **common)
-
-
-def _ply_normals(mesh: Any, count: int) -> Array | None:
-    data = mesh.metadata.get("_ply_raw", {}).get("vertex", {}).get("data")
-    take: Callable[[str], Any] = (lambda name: data[name]) if data is not None else (lambda name: None)
-    try:
-        parts = [np.asarray(take(name), np.float64).reshape(-1) for name in ("nx", "ny", "nz")]
-    except (KeyError, ValueError, TypeError, IndexError):
-        return None
-    return np.stack(parts, axis=1) if all(len(part) == count for part in parts) else None
+def _from_point_file(path: Path, axis: int | str | None, common: dict[str, Any]) -> GeometryTexture:
+    found = read_point_file(path)
+    normals, notes = found.normals, found.notes
+    if normals is None and found.viewpoints is not None and found.scan is not None:
+        normals = normals_facing(found.points, found.viewpoints[found.scan])
+        notes += ("normals were estimated and turned to where the scanner stood",)
+    made = geometry_from_points(found.points, normals, color=found.color, axis=axis, **common)
+    return replace(made, notes=notes + made.notes)
 
 
 def _from_picture(path: Path, height: float | None, pixel: float, common: dict[str, Any], seed: int) -> GeometryTexture:

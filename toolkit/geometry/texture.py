@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_positive, checked_vectors
+from intaglio.checks import checked_arguments, checked_numeric, checked_positive, checked_vectors
 from intaglio.errors import InputError, IntaglioWarning
-from intaglio.geometry.normals import estimate_normals
+from intaglio.geometry.normals import estimate_normals, mend_sides
 from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number, plane_axes
 from intaglio.geometry.sampling import RADIUS, local_spacing, sample_triangles, thin_points
 from intaglio.mesh import grid_faces
@@ -31,6 +31,7 @@ _OPPOSED_NEAR, _OPPOSED_SHARE = 0.5, 0.01
 _FULL = 0.9
 
 
+@checked_arguments
 def geometry_from_points(
     points: Array,
     normals: Array | None = None,
@@ -47,7 +48,8 @@ def geometry_from_points(
     points : (N, 3) array
         At least 32 points, in any unit of length.
     normals : (N, 3) array, optional
-        Vectors of any length but zero that point out of the solid. Default None: estimated (see the texture's notes).
+        Vectors of any length but zero that point out of the solid. Where some face the other side than those around them on
+        the same surface, they are turned. Default None: estimated (see the texture's notes).
     color : (N, 3) array, optional
         Linear colours, at least 0. Default None: no colours.
     bounds : (2, 3) array, optional
@@ -92,13 +94,19 @@ def geometry_from_points(
     """
     positions = checked_vectors("points", points)
     if len(positions) < _FEWEST:
-        raise InputError(f"{len(positions)} points are too few for a geometry texture; at least {_FEWEST} are needed")
+        raise InputError(
+            f"{len(positions)} points are too few for a geometry texture; at least {_FEWEST} are needed: give more, or a smaller "
+            "spacing"
+        )
     notes: list[str] = []
     directions = None if normals is None else _unit(checked_vectors("normals", normals), len(positions))
     colors = None if color is None else _colors(color, len(positions))
     extent = float(np.ptp(positions, axis=0).max())
     if not _SMALLEST < extent < _LARGEST and extent > 0:
-        raise InputError(f"the points extend over {extent:.3g}: bring them to a unit in which that is from 1e-12 to 1e12")
+        raise InputError(
+            f"the points extend over {extent:.3g}: bring them to a unit (of points, vertices, or pixel) in which that is from "
+            "1e-12 to 1e12"
+        )
     _, first = np.unique(positions, axis=0, return_index=True)
     if len(first) < len(positions):
         notes.append(f"{len(positions) - len(first)} points that lie exactly on another were left out")
@@ -110,10 +118,13 @@ def geometry_from_points(
             raise InputError(f"only {len(positions)} points differ; at least {_FEWEST} are needed")
     height_axis = _axis(axis, positions)
     given = None if bounds is None else _bounds(bounds, height_axis)
+    measured = float(np.median(local_spacing(positions)))
     if directions is None:
-        measured = float(np.median(local_spacing(positions)))
         directions, note = estimate_normals(positions, height_axis, measured)
         notes.append(note)
+    else:
+        directions, mended = mend_sides(positions, directions, height_axis, measured)
+        notes += [mended] if mended else []
     if spacing is not None:
         keep = thin_points(positions, directions, RADIUS * checked_positive("spacing", spacing))
         if len(keep) < _FEWEST:
@@ -138,6 +149,7 @@ def geometry_from_points(
     return GeometryTexture(PointSet(positions, directions, color=colors), box, height_axis, float(typical), tuple(notes))
 
 
+@checked_arguments
 def geometry_from_mesh(
     vertices: Array,
     faces: Array,
@@ -210,6 +222,7 @@ def geometry_from_mesh(
     return geometry_from_points(points, normals, color=colors, bounds=bounds, axis=axis)
 
 
+@checked_arguments
 def geometry_from_height(
     height: Array,
     *,
@@ -263,10 +276,7 @@ def geometry_from_height(
     >>> len(swatch.points), swatch.base, swatch.height
     (576, array([23., 23.]), 4.0)
     """
-    try:
-        heights = np.asarray(height, np.float64)
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"height must be an (H, W) array of numbers ({problem})") from problem
+    heights = checked_numeric("height", height, np.float64)
     if heights.ndim != 2 or min(heights.shape) < 6:
         raise InputError(f"height must be an (H, W) array of at least 6 x 6, not {heights.shape}")
     if not np.isfinite(heights).all():
@@ -352,7 +362,7 @@ def _check_inside(points: Array, box: Array, axis: int) -> None:
         warnings.warn(
             f"{100 * tall:.0f} % of the points lie above or below the bounds along {'xyz'[axis]}; matching does not look there",
             IntaglioWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -366,7 +376,7 @@ def _warn_of_shape(points: Array, axis: int) -> None:
         warnings.warn(
             f"the points fill only {100 * share:.0f} % of their rectangle; give bounds that lie inside of them",
             IntaglioWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -382,5 +392,5 @@ def _warn_of_opposing(points: Array, normals: Array, spacing: float) -> None:
             f"{100 * opposed.mean():.0f} % of the points have an opposing surface nearer than {near:.3g}, half the "
             "distance of samples: such sheets may grow together; sample more densely",
             IntaglioWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
