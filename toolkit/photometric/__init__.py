@@ -2,13 +2,14 @@
 
 from intaglio.photometric.assess import RepresentationReport, assess_representation
 from intaglio.photometric.bases import LambertBasis
+from intaglio.photometric.examination import ImageFacts, table_lines
 from intaglio.photometric.exr_file import ATTRIBUTE
 from intaglio.photometric.heights import Integrability, gradients_from_height, height_from_gradients, integrability
 from intaglio.photometric.light_positions import light_direction, read_light_positions, tilt_and_slant
 from intaglio.photometric.materials import MAP_NAMES, height_of, write_gltf, write_maps
 from intaglio.photometric.mirror_sphere import SphereLights, fit_circle, lights_from_sphere
 from intaglio.photometric.normals import SurfaceMaps, surface_maps
-from intaglio.photometric.reading import STACK_SUFFIXES, read_stack
+from intaglio.photometric.reading import STACK_SUFFIXES, examine_capture, read_stack
 from intaglio.photometric.relightable import KINDS, Relightable
 from intaglio.photometric.rendering import bsdf_of, render_on_mesh
 from intaglio.photometric.report import Reports, assess_kinds, assessment_lines, polar_plot, write_assessment
@@ -24,6 +25,7 @@ __all__ = [
     "STACK_SUFFIXES",
     "TEXTURE_SUFFIXES",
     "Exposure",
+    "ImageFacts",
     "Integrability",
     "LambertBasis",
     "PhotometricStack",
@@ -37,6 +39,7 @@ __all__ = [
     "assessment_lines",
     "bsdf_of",
     "checked_lights",
+    "examine_capture",
     "fit_circle",
     "gradients_from_height",
     "height_from_gradients",
@@ -52,6 +55,7 @@ __all__ = [
     "render_on_mesh",
     "represent",
     "surface_maps",
+    "table_lines",
     "tilt_and_slant",
     "write_assessment",
     "write_gltf",

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_arguments, checked_number, checked_numeric
 from intaglio.errors import InputError
 from intaglio.files import check_readable
 
+_COMMENTS = ("#", "//", "%")
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+# A name, which may hold blanks, and three numbers.
+_ENTRY = re.compile(rf"(?:(.*?)[\s,;]+)?({_NUMBER})[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})[\s,;]*")
+_LONGEST_LINE = 4096
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 
+
+@checked_arguments
 def light_direction(tilt: float, slant: float) -> Array:
     """Return the unit vector towards a light of given tilt and slant.
 
@@ -47,7 +58,8 @@ def light_direction(tilt: float, slant: float) -> Array:
     >>> intaglio.light_direction(tilt=90, slant=45).round(3)
     array([0.   , 0.707, 0.707])
     """
-    t, s = np.radians(tilt), np.radians(slant)
+    t = np.radians(checked_number("tilt", tilt, -np.inf))
+    s = np.radians(checked_number("slant", slant, -np.inf))
     return np.array([np.cos(t) * np.sin(s), np.sin(t) * np.sin(s), np.cos(s)])
 
 
@@ -57,6 +69,7 @@ def unit_directions(vectors: Array) -> Array:
     return np.asarray(scaled / np.linalg.norm(scaled, axis=-1, keepdims=True))
 
 
+@checked_arguments
 def tilt_and_slant(lights: Array) -> tuple[Array, Array]:
     """Return the tilts and slants of lights.
 
@@ -89,6 +102,9 @@ def tilt_and_slant(lights: Array) -> tuple[Array, Array]:
     >>> print(tilt.round(2), slant.round(2))
     [ 90. 180.] [36.87 90.  ]
     """
+    lights = checked_numeric("lights", lights, np.float64)
+    if lights.ndim == 0 or lights.shape[-1] != 3 or not np.isfinite(lights).all():
+        raise InputError(f"lights must be finite vectors (..., 3), not {lights.shape}")
     tilt = np.degrees(np.arctan2(lights[..., 1], lights[..., 0])) % 360
     return tilt, np.degrees(np.arccos(np.clip(lights[..., 2], -1, 1)))
 
@@ -101,8 +117,30 @@ def spread_lights(count: int, lowest: float) -> Array:
     return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
 
 
+@dataclass(frozen=True)
+class LightList:
+    """What a list of lights says, line by line.
+
+    Attributes
+    ----------
+    names : list of str
+        Image files with forward slashes; empty if no line names one.
+    lights : (K, 3) float64 array
+        Unit vectors towards the lights; x right, y up, z to the camera. NaN where a line gives no direction.
+    notes : list of str
+        What was mended, and what was left out.
+    """
+
+    names: list[str]
+    lights: Array
+    notes: list[str]
+
+
 def read_light_positions(path: PathLike) -> tuple[list[str], Array]:
     """Read an .lp file: a line with the number of images, which may be missing, then ``name x y z`` a line.
+
+    Separators may be blanks, tabs, commas or semicolons, decimals may have a comma, and lines that begin with ``#`` or ``//``
+    are comments.
 
     Parameters
     ----------
@@ -122,30 +160,82 @@ def read_light_positions(path: PathLike) -> tuple[list[str], Array]:
     InputError
         If a line is not a name and three finite numbers, or the count is wrong.
     """
+    found = list_light_positions(path, strict=True)
+    return found.names, found.lights
+
+
+def list_light_positions(path: PathLike, *, strict: bool = False) -> LightList:
+    """Read an .lp file as `read_light_positions`; unless ``strict``, a wrong count and lines without a direction are noted.
+
+    Raises
+    ------
+    InputError
+        If it holds no lights, half of its lines or more give none, or only some lines name an image; with ``strict`` also if a
+        line gives none or the count is wrong.
+    """
     path = check_readable(path)
-    lines = [line.strip() for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()]
-    lines = [line for line in lines if line]
+    lines = [line.strip() for line in _text_of(path).splitlines()]
+    lines = [line for line in lines if line and not line.startswith(_COMMENTS)]
     promised = int(lines[0]) if lines and re.fullmatch("[0-9]{1,9}", lines[0]) else None
-    names, lights = [], []
-    for number, line in enumerate(lines[promised is not None :], start=1):
-        words = line.rsplit(maxsplit=3)
-        if len(words) == 3:
-            words = ["", *words]
-        try:
-            vector = np.array([float(w) for w in words[1:]])
-        except ValueError:
-            vector = np.zeros(0)
-        if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-            raise InputError(f"{path}: entry {number} is not 'name x y z' with a direction: {line!r}")
-        names.append(words[0].replace("\\", "/"))
-        lights.append(unit_directions(vector))
-    if not names:
+    lines = lines[promised is not None :]
+    entries = [_entry_of(line) for line in lines]
+    wrong = [number for number, (_, vector) in enumerate(entries, start=1) if not np.isfinite(vector).all()]
+    if wrong and (strict or 2 * len(wrong) >= len(entries)):
+        raise InputError(
+            f"{path}: entry {wrong[0]} is not 'name x y z' with a direction: {_shortened(lines[wrong[0] - 1])!r}"
+            + (f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else "")
+        )
+    if not entries:
         raise InputError(f"{path}: holds no lights")
-    if promised is not None and promised != len(names):
-        raise InputError(f"{path}: its first line declares {promised} images, but {len(names)} follow")
-    if any(names) and not all(names):
+    notes = []
+    if promised is not None and promised != len(entries):
+        if strict:
+            raise InputError(f"{path}: its first line declares {promised} images, but {len(entries)} follow")
+        notes.append(f"{path.name}: its first line declares {promised} images, {len(entries)} follow and were taken")
+    named = [bool(name) for name, _ in entries]
+    if any(named) and not all(named):
         raise InputError(f"{path}: some entries name an image and some don't; name all or none")
-    return [n for n in names if n], np.array(lights)
+    if not any(named) and wrong:
+        # Without names, lights and images go by their order: a light that is missing would shift all that follow.
+        raise InputError(f"{path}: entry {wrong[0]} is not 'x y z' with a direction: {_shortened(lines[wrong[0] - 1])!r}")
+    return LightList([name for name, _ in entries if name], np.array([vector for _, vector in entries]), notes)
+
+
+def _entry_of(line: str) -> tuple[str, Array]:
+    """Return the image's name, which may be empty, and the unit vector of a line of an .lp file; NaN if it holds none."""
+    words = line.split()
+    if len(words) >= 3 and all(_DECIMAL_COMMA.fullmatch(word) for word in words[-3:]):
+        name, numbers = " ".join(words[:-3]), [word.replace(",", ".") for word in words[-3:]]
+    else:
+        found = _ENTRY.fullmatch(line) if len(line) <= _LONGEST_LINE else None
+        if found is None:
+            # The name, so far as it can be told, says which image is left without a light.
+            name = re.split("[\t,;]", line, maxsplit=1)[0] if re.search("[\t,;]", line) else line.rsplit(maxsplit=3)[0]
+            return _name_of(_shortened(name)), np.full(3, np.nan)
+        name, numbers = found[1] or "", list(found.groups()[1:])
+    vector = np.array([float(number) for number in numbers])
+    usable = np.isfinite(vector).all() and vector.any()
+    return _name_of(name), unit_directions(vector) if usable else np.full(3, np.nan)
+
+
+def _name_of(text: str) -> str:
+    """Return a file name as written in a list: without quotes, with forward slashes."""
+    return text.strip().strip("\"'").strip().replace("\\", "/")
+
+
+def _shortened(text: str, most: int = 80) -> str:
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _text_of(path: Path) -> str:
+    """Return a text file in whatever encoding it has: UTF-16 with a byte order mark, UTF-8, or else Windows' Latin."""
+    content = path.read_bytes()
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return content.decode("utf-16", "replace")
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("cp1252", "replace")
 
 
 def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
@@ -159,14 +249,26 @@ def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
     InputError
         If a row has other columns, or numbers that are no direction.
     """
+    found = list_lights_csv(path, strict=True)
+    return found.names, found.lights
+
+
+def list_lights_csv(path: PathLike, *, strict: bool = False) -> LightList:
+    """Read a ``lights.csv`` as `read_lights_csv`; unless ``strict``, rows without a direction have a light of NaN.
+
+    Raises
+    ------
+    InputError
+        If it holds no lights, or half of its rows or more give none; with ``strict`` if one doesn't.
+    """
     path = check_readable(path)
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = _text_of(path)
     separator = next((s for s in ";\t" if s in text.partition("\n")[0]), ",")
     try:
         rows = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines(), delimiter=separator)]
     except csv.Error as error:
         raise InputError(f"{path}: is not a table of lights ({error})") from error
-    rows = [row for row in rows if any(row)]
+    rows = [row for row in rows if any(row) and not row[0].startswith(_COMMENTS)]
     heading = [cell.lower() for cell in rows[0]] if rows else []
     known = {"tilt", "slant", "x", "y", "z"} & set(heading)
     if known:
@@ -174,23 +276,29 @@ def read_lights_csv(path: PathLike) -> tuple[list[str], Array]:
         angles = {"tilt", "slant"} <= known
         wanted = ("tilt", "slant") if angles else ("x", "y", "z")
         if not set(wanted) <= set(heading) or "image" not in heading:
-            raise InputError(f"{path}: the heading must name image and tilt, slant or x, y, z, not {', '.join(heading)}")
+            listed = _shortened(", ".join(heading))
+            raise InputError(f"{path}: the heading must name image and tilt, slant or x, y, z, not {listed}")
         order = [heading.index(w) for w in ("image", *wanted)]
         rows = [[row[i] if i < len(row) else "" for i in order] for row in rows]
-    names, lights = [], []
-    for number, row in enumerate(rows, start=1):
-        try:
-            numbers = [float(cell) for cell in row[1:]]
-        except ValueError:
-            numbers = []
-        if len(numbers) not in (2, 3) or not np.isfinite(numbers).all() or (len(numbers) == 3 and not any(numbers)):
-            raise InputError(f"{path}: row {number} is not 'image, tilt, slant' or 'image, x, y, z': {', '.join(row)!r}")
-        vector = light_direction(*numbers) if len(numbers) == 2 else np.array(numbers)
-        names.append(row[0].replace("\\", "/"))
-        lights.append(unit_directions(vector))
-    if not names:
+    vectors = [_vector_of(row[1:], decimal_comma=separator != ",") for row in rows]
+    wrong = [number for number, vector in enumerate(vectors, start=1) if not np.isfinite(vector).all()]
+    if wrong and (strict or 2 * len(wrong) >= len(rows)):
+        listed = _shortened(", ".join(rows[wrong[0] - 1]))
+        raise InputError(f"{path}: row {wrong[0]} is not 'image, tilt, slant' or 'image, x, y, z': {listed!r}")
+    if not rows:
         raise InputError(f"{path}: holds no lights")
-    return names, np.array(lights)
+    return LightList([_name_of(row[0]) for row in rows], np.array(vectors), [])
+
+
+def _vector_of(cells: list[str], decimal_comma: bool) -> Array:
+    """Return the unit vector that two angles or three coordinates mean; NaN if they mean none."""
+    try:
+        numbers = [float(cell.replace(",", ".") if decimal_comma else cell) for cell in cells if cell]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3) or not np.isfinite(numbers).all() or (len(numbers) == 3 and not any(numbers)):
+        return np.full(3, np.nan)
+    return unit_directions(light_direction(*numbers) if len(numbers) == 2 else np.array(numbers))
 
 
 def read_table(path: PathLike, columns: tuple[int, ...], what: str) -> Array:
@@ -204,12 +312,13 @@ def read_table(path: PathLike, columns: tuple[int, ...], what: str) -> Array:
         If it is not a table of finite numbers, or of another shape.
     """
     path = check_readable(path)
+    text = _text_of(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty table is reported below
-            table = np.loadtxt(Path(path), ndmin=2, delimiter=_delimiter(path), encoding="utf-8")
+            table = np.loadtxt(io.StringIO(text), ndmin=2, delimiter="," if "," in text else None)
     except ValueError as error:
-        raise InputError(f"{path}: is not a table of {what} ({error})") from error
+        raise InputError(f"{path}: is not a table of {what} ({_shortened(str(error))})") from error
     if not np.isfinite(table).all():
         raise InputError(f"{path}: holds {what} that are not finite numbers")
     if table.shape[1] in columns:
@@ -218,7 +327,3 @@ def read_table(path: PathLike, columns: tuple[int, ...], what: str) -> Array:
         return np.ascontiguousarray(table.T)
     allowed = " or ".join(str(c) for c in columns)
     raise InputError(f"{path}: {what} need {allowed} columns or rows, the table is {table.shape[0]} x {table.shape[1]}")
-
-
-def _delimiter(path: Path) -> str | None:
-    return "," if "," in path.read_text(encoding="utf-8", errors="replace") else None

@@ -2,31 +2,45 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
-import re
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.errors import FileError, InputError
-from intaglio.files import READABLE_SUFFIXES, check_readable, read_image, read_samples
+from intaglio.checks import checked_arguments, checked_flag
+from intaglio.errors import FileError, InputError, IntaglioWarning
+from intaglio.files import check_readable, read_image, read_samples
 from intaglio.kernels.transfer import decode_srgb
-from intaglio.photometric.light_positions import read_light_positions, read_lights_csv, read_table
-from intaglio.photometric.mirror_sphere import lights_from_sphere
-from intaglio.photometric.stack import ImageFiles, PhotometricStack
+from intaglio.photometric.choosing import (
+    Choice,
+    Names,
+    check_enough,
+    leave_out,
+    leave_out_by_list,
+    leave_out_odd,
+    left_out_notes,
+    lights_of,
+)
+from intaglio.photometric.examination import Examination, ImageFacts
+from intaglio.photometric.image_search import find_images, images_of
+from intaglio.photometric.light_positions import LightList, list_light_positions, list_lights_csv, read_table, unit_directions
+from intaglio.photometric.mirror_sphere import fit_circle, lights_from_sphere
+from intaglio.photometric.stack import ImageFiles, Kind, PhotometricStack, checked_stack_mask, kind_of, mismatch, not_finite
 
 # Stacks up to this many bytes are held in memory as float32.
 MEMORY_BYTES = 1 << 31
 
 STACK_SUFFIXES = (".lp", ".csv", ".txt")
-# Files with these names are not photographs of the stack: a mask, a sphere's reference, or maps that were written there.
-_NO_IMAGES = ("mask", "ref", "normal", "albedo", "height", "maps")
 _LIGHT_FILES = ("lights.csv", "light_directions.txt", "lights.txt")
 
 
+@checked_arguments
 def read_stack(
     path: PathLike,
     response: str | float | None = None,
@@ -37,8 +51,16 @@ def read_stack(
     circle: tuple[float, float, float] | None = None,
     gray: bool = False,
     memory: int = MEMORY_BYTES,
+    keep: Names = (),
+    skip: Names = (),
+    strict: bool = False,
 ) -> PhotometricStack:
     r"""Read photographs of one scene under known lights.
+
+    Photographs that can't be used are left out, and the stack's notes name them: those that are missing, damaged, or of
+    another size or type than most, whose light is on or below the horizon or that of another photograph, and those that don't
+    belong to the others — 1.45 times too bright or dark, lit from elsewhere than listed, shifted, black, or of something
+    else. Where that is in doubt the photograph is kept, with an `IntaglioWarning`.
 
     Parameters
     ----------
@@ -46,7 +68,8 @@ def read_stack(
         One of these:
 
         * an .lp file: a line ``name x y z`` for each image, with or without the number of images in the first line; names
-          are relative to the file, and lines without names take the folder's images in order;
+          are relative to the file, and lines without names take the folder's images in order. A name with another folder,
+          case or type than the image at hand is understood if there is only one that it can mean;
         * a ``lights.csv``: image and tilt, slant in degrees, or image and x, y, z;
         * a table of light directions (``light_directions.txt``, 3 x K or K x 3). Beside it, ``filenames.txt`` may name the
           images; without it they are those of the folder, or of its one subfolder that holds K of them (of several, the one
@@ -71,19 +94,28 @@ def read_stack(
         Take the mean of the channels. Default False.
     memory : int, optional
         Stacks of more bytes (as float32) stay on disk and are read one image at a time. Default 2 GiB.
+    keep : str, int or sequence of them, optional
+        Photographs that stay whatever is odd about them: names with or without suffix, patterns such as ``"image3*"``, or
+        numbers in the list from 0; a text may hold several, with commas between them. The light of one that is up to 5
+        degrees below the horizon is raised onto it. Default none.
+    skip : str, int or sequence of them, optional
+        Photographs to leave out, named likewise. Default none.
+    strict : bool, optional
+        Raise an error where a photograph would be left out or looked for under another name. Default False.
 
     Returns
     -------
     PhotometricStack
-        Linear values divided by the lights' strengths; its ``names`` are the files, its ``notes`` say what was found.
+        Linear values divided by the lights' strengths; its ``names`` are the files, its ``notes`` say what was found and
+        which photographs were left out, and why.
 
     Raises
     ------
     FileError
-        If a file is missing (all that are missing are listed), damaged, or of an unknown type.
+        If the lights' file is missing or of an unknown type, no image can be read, or one can't that is to be kept.
     InputError
-        If the numbers of lights and images differ, images differ in size, a light is not a direction, a folder holds several
-        lists of lights, or ``response`` is unknown.
+        If the numbers of lights and images differ, images to be kept differ in size, fewer than three images or half of them
+        can be used, a folder holds several lists of lights, ``keep`` or ``skip`` name no image, or ``response`` is unknown.
     FitError
         If no sphere is found in its pictures.
 
@@ -106,56 +138,199 @@ def read_stack(
     >>> stack.image(1)[0, 0].round(3)
     array([0.5], dtype=float32)
     """
+    with_them = Reading(mask, intensities, sphere, circle, gray, memory)
+    choice = Choice(keep, skip, checked_flag("strict", strict))
+    return _read(Path(path), response, with_them, choice)[0]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What `read_stack` takes besides the photographs; its parameters say what each is."""
+
+    mask: PathLike | Array | None = None
+    intensities: PathLike | None = None
+    sphere: PathLike | None = None
+    circle: tuple[float, float, float] | None = None
+    gray: bool = False
+    memory: int = MEMORY_BYTES
+
+
+def examine_capture(path: PathLike, response: str | float | None = None) -> tuple[PhotometricStack, list[ImageFacts]]:
+    """Return the stack that `read_stack` reads, its images on disk, and what each photograph of the list is like.
+
+    Every photograph is read once.
+
+    Raises
+    ------
+    FileError
+        As `read_stack`.
+    InputError
+        As `read_stack`.
+    """
+    return _read(Path(path), response, Reading(memory=0), Choice())
+
+
+def _read(
+    path: Path, response: str | float | None, reading: Reading, choice: Choice
+) -> tuple[PhotometricStack, list[ImageFacts]]:
+    """Return the stack, and what each photograph of its list is like, those left out as well."""
     decode_value = _response(response)
-    folder, names, lights, source = _lights(Path(path), sphere, circle)
-    paths = _image_paths(folder, names, len(lights), source)
-    missing = [p for p in paths if not p.exists()]
-    if missing:
-        listed = ", ".join(str(p) for p in missing[:8]) + (f" and {len(missing) - 8} more" if len(missing) > 8 else "")
-        raise FileError(f"{source}: {len(missing)} of its {len(paths)} images are missing: {listed}")
-    first = read_samples(paths[0])
-    if first.dtype.kind != "f" and first.dtype not in (np.uint8, np.uint16):
-        raise FileError(f"{paths[0]}: holds {first.dtype} values; images of 8 or 16 bits, or floats, are needed")
-    channels = 1 if first.ndim == 2 or first.shape[2] <= 2 else 3
-    strengths = folder / "light_intensities.txt" if intensities is None else Path(intensities)
-    gain = _gain(strengths, len(lights)) if intensities is not None or strengths.exists() else None
-    if gain is not None and gain.shape[1] == 3:
-        channels = 3
-    shape = (len(paths), first.shape[0], first.shape[1], 1 if gray else channels)
-    files = ImageFiles(tuple(paths), shape, first.dtype, decode_value, gain, (1 / 3, 1 / 3, 1 / 3) if gray else None)
-    known, notes = _mask(folder, mask)
-    labels = tuple(str(p) for p in paths)
-    ceiling: Array | float = 1.0 if first.dtype.kind == "u" else np.inf
-    if gain is not None and np.isfinite(ceiling):
-        ceiling = gain.mean(axis=1, keepdims=True) if gray else gain
-    if 4 * math.prod(shape) > memory:
-        notes = (*notes, f"the stack is {4 * math.prod(shape) / 2**30:.1f} GiB: images are read one at a time")
-        return PhotometricStack(files, lights, known, labels, notes, ceiling)
-    images = np.empty(shape, np.float32)
-    for k in range(shape[0]):
-        images[k] = files.read(k)
-    return PhotometricStack(images, lights, known, labels, notes, ceiling)
+    folder, listed, source = _lights(path, reading, choice.strict)
+    paths, renamed = find_images(folder, listed.names, len(listed.lights), source, choice.strict)
+    facts = [ImageFacts(k, p.name, light) for k, (p, light) in enumerate(zip(paths, listed.lights, strict=True))]
+    kept = choice.apply(facts, listed.names)
+    for one in facts:
+        if not one.used:
+            # What the user names is input, and never overwritten, even if it is not read.
+            with contextlib.suppress(FileError):
+                check_readable(paths[one.number])
+    raised = leave_out_by_list(facts, paths, kept, source, choice.strict)
+    check_enough(facts, source)
+    known, masked = _mask(folder, reading.mask)
+    photographs = _Photographs(tuple(paths), decode_value, _gain(folder, reading.intensities, len(paths)), known, reading)
+    files, images, examination = photographs.take(facts, kept, choice.strict)
+    check_enough(facts, source)
+    examination.judge([one for one in facts if one.used])
+    overruled, doubts = leave_out_odd(facts, kept, source, choice.strict, examination.disorder)
+    check_enough(facts, source)
+    for doubt in doubts:
+        warnings.warn(doubt, IntaglioWarning, stacklevel=3)
+    used = [one.number for one in facts if one.used]
+    notes = [*listed.notes, *renamed, *masked, *raised, *overruled, *left_out_notes(facts)]
+    files = files.chosen(used)
+    size = 4 * math.prod(files.shape)
+    values = files if images is None else _gathered(images, used)
+    if images is None and size > reading.memory:
+        notes.append(f"the stack is {size / 2**30:.1f} GiB: images are read one at a time")
+    labels = tuple(str(paths[k]) for k in used)
+    ceiling = photographs.ceiling(files.dtype)
+    ceiling = ceiling[used] if isinstance(ceiling, np.ndarray) else ceiling
+    return PhotometricStack(values, lights_of(facts), known, labels, tuple(notes), ceiling), facts
 
 
-def _lights(
-    path: Path, sphere: PathLike | None, circle: tuple[float, float, float] | None
-) -> tuple[Path, list[str], Array, Path]:
-    """Return the folder of the images, their names (may be empty), the lights, and the file that gave them."""
-    if sphere is not None:
-        if not path.is_dir():
-            raise FileError(f"{path}: with a sphere's pictures, give the folder of the images")
-        pictures = _images_of(Path(sphere))
-        if not pictures:
-            raise FileError(f"{sphere}: holds no pictures of a sphere")
-        count = len(_images_of(path))
-        if len(pictures) != count:
-            raise InputError(f"{sphere}: holds {len(pictures)} pictures of a sphere for {count} images in {path}; give one each")
-        found = lights_from_sphere([read_image(p, linear=True) for p in pictures], circle)
-        return path, [], found.lights, Path(sphere)
-    if circle is not None:
+@dataclass(frozen=True)
+class _Photographs:
+    """The files of a list's photographs, and what their values become."""
+
+    paths: tuple[Path, ...]
+    decode: Callable[[Array], Array]
+    gain: Array | None
+    mask: Array | None
+    reading: Reading
+
+    def ceiling(self, kind: np.dtype) -> Array | float:
+        """Return the value from which on images of a type are overexposed, of one image per row if lights differ."""
+        if kind.kind != "u":
+            return np.inf
+        if self.gain is None:
+            return 1.0
+        return self.gain.mean(axis=1, keepdims=True) if self.reading.gray else self.gain
+
+    def take(self, facts: Sequence[ImageFacts], kept: set[int], strict: bool) -> tuple[ImageFiles, Array | None, Examination]:
+        """Read the photographs in use, once each: return them, as values too where they fit memory, and small ones of them.
+
+        Those that can't be read, or are of another size or type than most, are taken out.
+
+        Raises
+        ------
+        FileError
+            If one can't be read and is to be kept, or any and ``strict``.
+        InputError
+            If one is of another size and is to be kept, or any and ``strict``.
+        """
+        wanted = [one for one in facts if one.used]
+        taken: _Taken | None = None
+        kinds: dict[Kind, list[ImageFacts]] = {}
+        for one in wanted:
+            samples = self._samples(one, strict or one.number in kept)
+            if samples is None:
+                continue
+            kind = kind_of(samples, self.gain)
+            if taken is None:
+                taken = _Taken(self, kind, len(facts))
+            if strict and kind != taken.kind:
+                raise mismatch(one.name, kind, taken.kind)
+            kinds.setdefault(kind, []).append(one)
+            if kind == taken.kind:
+                taken.add(one, samples, strict or one.number in kept)
+        if taken is None:
+            raise FileError(f"{wanted[0].name}: {wanted[0].remark}; no photograph can be read")
+        usual = max(kinds, key=lambda kind: len(kinds[kind]))
+        if usual != taken.kind:
+            # The first photograph was the odd one.
+            taken = _Taken(self, usual, len(facts))
+            for one in kinds[usual]:
+                samples = self._samples(one, one.number in kept)
+                if samples is not None:
+                    taken.add(one, samples, one.number in kept)
+        for kind, images in kinds.items():
+            for one in images if kind != usual else ():
+                if one.number in kept:
+                    raise mismatch(one.name, kind, usual)
+                leave_out(one, f"is {kind.describe()}, most are {usual.describe()}")
+        return taken.files, taken.images, taken.examination
+
+    def _samples(self, one: ImageFacts, must: bool) -> Array | None:
+        """Return a photograph's stored samples, or None, and take it out, if it can't be read and need not be."""
+        path = self.paths[one.number]
+        try:
+            samples = read_samples(path)
+            if samples.dtype.kind != "f" and samples.dtype not in (np.uint8, np.uint16):
+                raise FileError(f"{path}: holds {samples.dtype} values; images of 8 or 16 bits, or floats, are needed")
+            return samples
+        except FileError as error:
+            if must:
+                raise
+            leave_out(one, str(error).removeprefix(f"{path}: "))
+            return None
+
+
+class _Taken:
+    """The photographs of one kind: their files, their values where they fit memory, and small pictures of them."""
+
+    def __init__(self, photographs: _Photographs, kind: Kind, count: int) -> None:
+        reading = photographs.reading
+        shape = (count, kind.rows, kind.columns, 1 if reading.gray else kind.channels)
+        if photographs.mask is not None:
+            checked_stack_mask(photographs.mask, shape[1:3])
+        mix = (1 / kind.channels,) * kind.channels if reading.gray else None
+        self.kind = kind
+        self.files = ImageFiles(photographs.paths, shape, kind.dtype, photographs.decode, photographs.gain, mix)
+        self.images = np.empty(shape, np.float32) if 4 * math.prod(shape) <= reading.memory else None
+        self.mask = photographs.mask
+        self.ceiling = photographs.ceiling(kind.dtype)
+        self.examination = Examination(shape[1:3], None if self.mask is None else np.asarray(self.mask) > 0.5)
+
+    def add(self, one: ImageFacts, samples: Array, must: bool) -> None:
+        """Take in one photograph, or take it out of the stack if it has pixels that are no numbers and need not be in it."""
+        image = self.files.linear(one.number, samples)
+        wrong = not_finite(image, self.examination.mask)
+        if wrong and must:
+            raise InputError(f"{self.files.paths[one.number]}: {wrong}; mask them out or repair the image")
+        if wrong:
+            leave_out(one, wrong)
+            return
+        if self.images is not None:
+            self.images[one.number] = image
+        self.examination.add(one, image, self.ceiling[one.number] if isinstance(self.ceiling, np.ndarray) else self.ceiling)
+
+
+def _gathered(images: Array, used: list[int]) -> Array:
+    """Return the used images, moved together in place: a copy would need twice the memory."""
+    for place, k in enumerate(used):
+        if place != k:
+            images[place] = images[k]
+    return images[: len(used)]
+
+
+def _lights(path: Path, reading: Reading, strict: bool) -> tuple[Path, LightList, Path]:
+    """Return the folder of the images, the list of their lights, and the file that gave it."""
+    if reading.sphere is not None:
+        return path, _lights_of_sphere(path, Path(reading.sphere), reading.circle, strict), Path(reading.sphere)
+    if reading.circle is not None:
         raise InputError("a circle outlines a mirror sphere: give the folder of its pictures as well")
-    if path.is_dir():
-        candidates = [path / n for n in _LIGHT_FILES if (path / n).exists()] or sorted(path.glob("*.lp"))
+    if os.path.isdir(path):
+        candidates = [path / n for n in _LIGHT_FILES if (path / n).exists()] or sorted(path.glob("*.[lL][pP]"))
         if not candidates:
             raise FileError(f"{path}: holds neither an .lp file nor any of {', '.join(_LIGHT_FILES)}")
         if len(candidates) > 1:
@@ -165,56 +340,44 @@ def _lights(
     check_readable(path)
     suffix = path.suffix.lower()
     if suffix == ".lp":
-        names, lights = read_light_positions(path)
-    elif suffix == ".csv":
-        names, lights = read_lights_csv(path)
-    elif suffix == ".txt":
+        return path.parent, list_light_positions(path, strict=strict), path
+    if suffix == ".csv":
+        return path.parent, list_lights_csv(path, strict=strict), path
+    if suffix == ".txt":
         lights = read_table(path, (3,), "light directions x, y, z")
+        lights = np.array([unit_directions(v) if v.any() else np.full(3, np.nan) for v in lights])
         listing = path.parent / "filenames.txt"
         text = check_readable(listing).read_text(encoding="utf-8-sig", errors="replace") if listing.exists() else ""
-        names = [line.strip() for line in text.splitlines() if line.strip()]
-    else:
-        raise FileError(f"{path}: is not a list of lights; known are .lp, .csv, .txt, or a folder that holds one")
-    return path.parent, names, lights, path
+        names = [line.strip().replace("\\", "/") for line in text.splitlines() if line.strip()]
+        return path.parent, LightList(names, lights, []), path
+    raise FileError(f"{path}: is not a list of lights; known are .lp, .csv, .txt, or a folder that holds one")
 
 
-def _image_paths(folder: Path, names: list[str], count: int, source: Path) -> list[Path]:
-    if names:
-        if len(names) != count:
-            raise InputError(f"{source}: {count} lights, but {len(names)} images are named")
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise InputError(f"{source}: names {twice[0]} more than once; every light has its own image")
-        return [folder / name for name in names]
-    found = _images_of(folder)
-    if len(found) > count:
-        # Other images in the folder, such as a texture that was written there, are of another type.
-        kinds = [p.suffix.lower() for p in found]
-        found = [p for p in found if p.suffix.lower() == max(kinds, key=kinds.count)]
-    if len(found) == count:
-        return found
-    below = {d.name.lower(): _images_of(d) for d in sorted(folder.iterdir()) if d.is_dir()}
-    below = {name: images for name, images in below.items() if len(images) == count}
-    if len(below) > 1:
-        below = {name: images for name, images in below.items() if name in ("images", "objects")}
-    if not found and len(below) == 1:
-        return next(iter(below.values()))
-    raise InputError(f"{source}: gives {count} lights, but {folder} holds {len(found)} images; name them in an .lp or lights.csv")
-
-
-def _images_of(folder: Path) -> list[Path]:
-    """Return the folder's images in natural order (2 before 10), without masks and sphere references."""
-    if not folder.is_dir():
-        raise FileError(f"{folder}: no such folder")
-    images = [p for p in folder.iterdir() if p.suffix.lower() in READABLE_SUFFIXES and p.stem.lower() not in _NO_IMAGES]
-
-    def natural(path: Path) -> list[tuple[int, str]]:
-        return [
-            (int(part), "") if part.isdecimal() and part.isascii() else (-1, part)
-            for part in re.split("([0-9]+)", path.name.lower())
-        ]
-
-    return sorted(images, key=natural)
+def _lights_of_sphere(path: Path, sphere: Path, circle: tuple[float, float, float] | None, strict: bool) -> LightList:
+    """Return the lights that pictures of a mirror sphere show; NaN for a picture without a highlight."""
+    if not os.path.isdir(path):
+        raise FileError(f"{path}: with a sphere's pictures, give the folder of the images")
+    files = images_of(sphere)
+    if not files:
+        raise FileError(f"{sphere}: holds no pictures of a sphere")
+    count = len(images_of(path))
+    if len(files) != count:
+        raise InputError(f"{sphere}: holds {len(files)} pictures of a sphere for {count} images in {path}; give one each")
+    pictures = [read_image(p, linear=True) for p in files]
+    try:
+        return LightList([], lights_from_sphere(pictures, circle).lights, [])
+    except InputError as error:
+        if strict or len({picture.shape for picture in pictures}) > 1:
+            raise
+        problem = error
+    outline = fit_circle(np.mean(pictures, axis=0)) if circle is None else circle
+    lights = np.full((count, 3), np.nan)
+    for k, picture in enumerate(pictures):
+        with contextlib.suppress(InputError):
+            lights[k] = lights_from_sphere([picture], outline).lights[0]
+    if 2 * np.isnan(lights[:, 0]).sum() >= count:
+        raise problem
+    return LightList([], lights, [])
 
 
 def _response(response: str | float | None) -> Callable[[Array], Array]:
@@ -245,8 +408,11 @@ def _response(response: str | float | None) -> Callable[[Array], Array]:
     return decode
 
 
-def _gain(path: Path, count: int) -> Array:
-    """Return (K, 1 or 3) factors that undo the lights' intensities."""
+def _gain(folder: Path, intensities: PathLike | None, count: int) -> Array | None:
+    """Return (K, 1 or 3) factors that undo the lights' intensities; None if no table gives any."""
+    path = folder / "light_intensities.txt" if intensities is None else Path(intensities)
+    if intensities is None and not path.exists():
+        return None
     table = read_table(path, (1, 3), "light intensities")
     if len(table) != count:
         table = table.T if table.T.shape == (count, 3) else table

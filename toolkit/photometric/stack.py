@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import LARGEST, check_fields, checked_arguments, checked_count, shown
 from intaglio.errors import FileError, InputError
 from intaglio.files import read_samples
 from intaglio.photometric.light_positions import unit_directions
@@ -58,10 +60,18 @@ class ImageFiles:
             If its size or number of channels is not that of the first.
         """
         samples = read_samples(self.paths[k])
-        if samples.dtype != self.dtype:
-            raise FileError(
-                f"{self.paths[k]}: holds {samples.dtype} values, the first image {self.dtype}; all must have one type"
-            )
+        found, wanted = kind_of(samples, self.gain), self.kind
+        if found != wanted:
+            raise mismatch(str(self.paths[k]), found, wanted)
+        return self.linear(k, samples)
+
+    @property
+    def kind(self) -> Kind:
+        """What all images are like, before channels are summed up."""
+        return Kind(self.shape[1], self.shape[2], self.shape[3] if self.mix is None else len(self.mix), self.dtype)
+
+    def linear(self, k: int, samples: Array) -> Array:
+        """Return the stored samples of image ``k`` as linear (H, W, C) float32."""
         if samples.ndim == 2:
             samples = samples[:, :, None]
         samples = samples[:, :, :3] if samples.shape[2] == 4 else samples[:, :, :1] if samples.shape[2] == 2 else samples
@@ -72,12 +82,53 @@ class ImageFiles:
             image = image * self.gain[k].astype(np.float32)
         if self.mix is not None and image.shape[2] == len(self.mix):
             image = _mixed(image, self.mix)
-        if image.shape != self.shape[1:]:
-            raise InputError(
-                f"{self.paths[k]}: is {_size(image.shape)}, the first image is {_size(self.shape[1:])}; "
-                "all images of a stack must have the same size and channels"
-            )
         return np.ascontiguousarray(image, np.float32)
+
+    def chosen(self, indices: Sequence[int]) -> ImageFiles:
+        """Return some of the images, in the order of ``indices``."""
+        gain = None if self.gain is None else self.gain[list(indices)]
+        paths = tuple(self.paths[i] for i in indices)
+        return replace(self, paths=paths, shape=(len(paths), *self.shape[1:]), gain=gain)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the images of a stack have in common.
+
+    Attributes
+    ----------
+    rows, columns, channels : int
+        Size of an image.
+    dtype : numpy dtype
+        Type of its stored samples.
+    """
+
+    rows: int
+    columns: int
+    channels: int
+    dtype: np.dtype
+
+    def describe(self) -> str:
+        """Return size and type in words."""
+        return f"{_size((self.rows, self.columns, self.channels))} of {self.dtype}"
+
+
+def kind_of(samples: Array, gain: Array | None) -> Kind:
+    """Return what an image with these stored samples is like; lights with an intensity per channel make it colour."""
+    channels = 1 if samples.ndim == 2 or samples.shape[2] <= 2 else 3
+    if gain is not None and gain.shape[1] == 3:
+        channels = 3
+    return Kind(samples.shape[0], samples.shape[1], channels, samples.dtype)
+
+
+def mismatch(name: str, found: Kind, wanted: Kind) -> FileError | InputError:
+    """Return the error about an image that is not like the others."""
+    if found.dtype != wanted.dtype:
+        return FileError(f"{name}: holds {found.dtype} values, the other images {wanted.dtype}; all must have one type")
+    sizes = [_size((kind.rows, kind.columns, kind.channels)) for kind in (found, wanted)]
+    return InputError(
+        f"{name}: is {sizes[0]}, the other images are {sizes[1]}; all images of a stack must have the same size and channels"
+    )
 
 
 @dataclass(frozen=True)
@@ -136,9 +187,13 @@ class PhotometricStack:
     ceiling: Array | float = 1.0
 
     def __post_init__(self) -> None:
+        check_fields(self, nan=True)
         if not isinstance(self.images, ImageFiles):
+            _refuse_masked("images", self.images)
             try:
                 images = np.asarray(self.images)
+                if np.iscomplexobj(images):
+                    raise InputError("images hold complex numbers, whose imaginary parts would be lost; give real values")
                 if np.issubdtype(images.dtype, np.integer):
                     raise InputError(f"images hold linear values as floats; divide {images.dtype} levels by their maximum")
                 images = np.ascontiguousarray(images, np.float32)
@@ -156,15 +211,8 @@ class PhotometricStack:
         if self.names and len(self.names) != self.shape[0]:
             raise InputError(f"there are {self.shape[0]} images but {len(self.names)} names")
         if self.mask is not None:
-            mask = np.asarray(self.mask)
-            if mask.dtype.kind not in "buif":
-                raise InputError(f"the mask is an array of {mask.dtype}, not of bool")
-            if mask.shape != self.shape[1:3]:
-                raise InputError(f"the mask is {mask.shape}, the images are {self.shape[1:3]}; they must be of one size")
-            mask = mask if mask.dtype == bool else mask > 0.5
-            if not mask.any():
-                raise InputError("the mask is empty: no pixel is to be used")
-            object.__setattr__(self, "mask", mask)
+            object.__setattr__(self, "mask", checked_stack_mask(self.mask, self.shape[1:3]))
+        object.__setattr__(self, "ceiling", _checked_ceiling(self.ceiling, self.shape))
         if not isinstance(self.images, ImageFiles):
             for k in range(self.shape[0]):
                 self._check_finite(k, self.images[k])
@@ -206,6 +254,7 @@ class PhotometricStack:
         """
         return not isinstance(self.images, ImageFiles)
 
+    @checked_arguments
     def name(self, k: int) -> str:
         """Return what an image is called in messages.
 
@@ -228,6 +277,7 @@ class PhotometricStack:
         """
         return self.names[k] if self.names else f"image {k}"
 
+    @checked_arguments
     def image(self, k: int) -> Array:
         """Return one image, read from its file unless the stack is in memory.
 
@@ -257,6 +307,8 @@ class PhotometricStack:
         array([[0.75, 0.75],
                [0.75, 0.75]], dtype=float32)
         """
+        if not -self.shape[0] <= k < self.shape[0]:
+            raise InputError(f"k must be the number of one of {self.shape[0]} images, not {shown(k)}")
         if isinstance(self.images, ImageFiles):
             image = self.images.read(k)
             self._check_finite(k, image)
@@ -299,6 +351,7 @@ class PhotometricStack:
         """
         return self if self.shape[3] == 1 else self.mixed(LUMINANCE)
 
+    @checked_arguments
     def mixed(self, weights: tuple[float, ...]) -> PhotometricStack:
         """Return the stack with a weighted sum of the channels as its only channel.
 
@@ -327,6 +380,8 @@ class PhotometricStack:
         """
         if len(weights) != self.shape[3]:
             raise InputError(f"{len(weights)} weights for {self.shape[3]} channels")
+        if not all(abs(weight) <= LARGEST for weight in weights):
+            raise InputError(f"weights must be finite numbers, not {shown(weights)}")
         if isinstance(self.images, ImageFiles):
             images: Array | ImageFiles = replace(self.images, shape=(*self.shape[:3], 1), mix=weights)
         else:
@@ -334,6 +389,7 @@ class PhotometricStack:
         ceiling = self.ceiling @ np.asarray(weights)[:, None] if isinstance(self.ceiling, np.ndarray) else self.ceiling
         return replace(self, images=images, ceiling=ceiling)
 
+    @checked_arguments
     def subset(self, indices: Sequence[int] | Array) -> PhotometricStack:
         """Return the stack of some of the images.
 
@@ -362,21 +418,19 @@ class PhotometricStack:
         array([[0. , 0.6, 0.8],
                [0. , 0. , 1. ]])
         """
-        chosen = [int(i) for i in indices]
-        if not chosen or not all(-self.shape[0] <= i < self.shape[0] for i in chosen):
-            raise InputError(f"images {chosen} are not numbers of the stack's {self.shape[0]} images")
+        numbers = np.asarray(indices)
+        if numbers.ndim != 1 or numbers.dtype.kind not in "iu" or not len(numbers):
+            raise InputError(f"indices must be whole numbers of images, at least one, not {shown(indices)}")
+        chosen = [int(i) for i in numbers]
+        if not all(-self.shape[0] <= i < self.shape[0] for i in chosen):
+            raise InputError(f"indices {shown(chosen)} are not numbers of the stack's {self.shape[0]} images")
         names = tuple(self.names[i] for i in chosen) if self.names else ()
-        if isinstance(self.images, ImageFiles):
-            files = self.images
-            gain = None if files.gain is None else files.gain[chosen]
-            shape = (len(chosen), *files.shape[1:])
-            paths = tuple(files.paths[i] for i in chosen)
-            images: Array | ImageFiles = replace(files, paths=paths, shape=shape, gain=gain)
-        else:
-            images = self.images[chosen]
+        images: Array | ImageFiles
+        images = self.images.chosen(chosen) if isinstance(self.images, ImageFiles) else self.images[chosen]
         ceiling = self.ceiling[chosen] if isinstance(self.ceiling, np.ndarray) else self.ceiling
         return replace(self, images=images, lights=self.lights[chosen], names=names, ceiling=ceiling)
 
+    @checked_arguments
     def strips(self, size: int | None = None) -> Iterator[tuple[slice, Array]]:
         """Yield strips of rows of all images together.
 
@@ -411,7 +465,8 @@ class PhotometricStack:
         [(0, 2, (2, 2, 4, 1)), (2, 4, (2, 2, 4, 1)), (4, 5, (2, 1, 4, 1))]
         """
         k, h, w, c = self.shape
-        rows = max(1, min(h, (size or STRIP_BYTES) // (4 * k * w * c)))
+        size = STRIP_BYTES if size is None else checked_count("size", size, 1, sys.maxsize)
+        rows = max(1, min(h, size // (4 * k * w * c)))
         for top in range(0, h, rows):
             part = slice(top, min(top + rows, h))
             if isinstance(self.images, ImageFiles):
@@ -423,33 +478,83 @@ class PhotometricStack:
                 yield part, self.images[:, part]
 
     def _check_finite(self, k: int, image: Array) -> None:
-        # The sum is finite if all values are, and is faster to find than to test every pixel.
-        with np.errstate(over="ignore", invalid="ignore"):
-            if np.isfinite(image.sum(dtype=np.float64)):
-                return
-        bad = ~np.isfinite(image).all(axis=2)
-        if self.mask is not None:
-            bad &= self.mask
-        if bad.any():
-            row, column = np.argwhere(bad)[0]
-            raise InputError(
-                f"{self.name(k)}: {int(bad.sum())} pixels are not finite (NaN or infinite), the first at row {row}, "
-                f"column {column}; mask them out or repair the image"
-            )
+        wrong = not_finite(image, self.mask)
+        if wrong:
+            raise InputError(f"{self.name(k)}: {wrong}; mask them out or repair the image")
+
+
+def not_finite(image: Array, mask: Array | None) -> str:
+    """Return how many pixels inside the mask are no finite numbers and where the first is; empty if all are."""
+    # The sum is finite if all values are, and is faster to find than to test every pixel.
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(image.sum(dtype=np.float64)):
+            return ""
+    bad = ~np.isfinite(image).all(axis=2)
+    if mask is not None:
+        bad &= mask
+    if not bad.any():
+        return ""
+    row, column = np.argwhere(bad)[0]
+    return f"{int(bad.sum())} pixels are not finite (NaN or infinite), the first at row {row}, column {column}"
+
+
+def checked_stack_mask(mask: object, shape: tuple[int, int]) -> Array:
+    """Return a mask as a bool array, or raise `InputError` unless it is one of the images' ``shape`` that is not empty."""
+    _refuse_masked("mask", mask)
+    try:
+        array = np.asarray(mask)
+    except ValueError as error:
+        raise InputError(f"the mask is not an array of one size ({error})") from error
+    if array.dtype.kind not in "buif":
+        raise InputError(f"the mask is an array of {array.dtype}, not of bool")
+    if array.shape != tuple(shape):
+        raise InputError(f"the mask is {array.shape}, the images are {tuple(shape)}; they must be of one size")
+    array = array if array.dtype == bool else array > 0.5
+    if not array.any():
+        raise InputError("the mask is empty: no pixel is to be used")
+    return array
+
+
+def _refuse_masked(name: str, value: object) -> None:
+    if np.ma.isMaskedArray(value):
+        raise InputError(
+            f"{name}: is a masked array, whose mask would be lost; give plain values, and the pixels to use as mask="
+        )
+
+
+def _checked_ceiling(ceiling: object, shape: tuple[int, ...]) -> Array | float:
+    """Return the ceiling as a float or (K, C) array, or raise `InputError` if it is none over 0."""
+    _refuse_masked("ceiling", ceiling)
+    try:
+        values = np.asarray(ceiling)
+    except ValueError as error:
+        raise InputError(f"ceiling must be a number or an array ({error})") from error
+    if values.dtype.kind not in "iuf" or np.isnan(values).any() or not (values > 0).all():
+        raise InputError("ceiling must be over 0: a number, or one for each image and channel, and not NaN")
+    if values.ndim == 0:
+        return float(values)
+    if values.ndim != 2 or values.shape[0] != shape[0] or values.shape[1] not in (1, shape[3]):
+        raise InputError(f"ceiling must be a number or ({shape[0]}, {shape[3]}) like images and channels, not {values.shape}")
+    return values
 
 
 def checked_lights(lights: Array, names: tuple[str, ...] = ()) -> Array:
     """Return ``lights`` as (K, 3) float64 unit vectors from above the surface; `InputError` names one that is not."""
+    _refuse_masked("lights", lights)
     try:
+        if np.iscomplexobj(lights):
+            raise InputError("lights are complex numbers; give real vectors x, y, z")
         vectors = np.array(lights, np.float64, ndmin=2)
     except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"lights are not a (K, 3) array of numbers ({error})") from error
     if vectors.ndim != 2 or vectors.shape[1] != 3 or len(vectors) == 0:
         raise InputError(f"lights must be (K, 3) vectors x, y, z, not {vectors.shape}")
     for k, vector in enumerate(vectors):
         name = f" ({names[k]})" if k < len(names) else ""
         if not np.isfinite(vector).all() or not vector.any():
-            raise InputError(f"light {k}{name} is {vector.tolist()}: a light must be a finite vector that is not zero")
+            raise InputError(f"lights must be finite vectors that are not zero; light {k}{name} is {vector.tolist()}")
         if vector[2] <= 0:
             raise InputError(
                 f"light {k}{name} is {vector.tolist()}: it comes from below the surface (z must be over 0, towards the camera)"
