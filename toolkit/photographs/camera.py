@@ -277,11 +277,12 @@ class Camera:
         at = checked_finite("pixel", pixel)
         if at.ndim != 2 or at.shape[1] != 2:
             raise InputError(f"pixel must be an (N, 2) array, not {at.shape}")
-        flat = np.linalg.solve(self.K[:2, :2], (at - self.K[:2, 2]).T).T
-        if self.distorts:
-            flat = undistort(self.lens, flat, self.reach)
-        way = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
-        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True) @ self.R)
+        with np.errstate(all="ignore"):
+            flat = np.linalg.solve(self.K[:2, :2], (at - self.K[:2, 2]).T).T
+            if self.distorts:
+                flat = undistort(self.lens, flat, self.reach)
+            way = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+            return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True) @ self.R)
 
 
 @dataclass(frozen=True, kw_only=True)
