@@ -15,7 +15,7 @@ from intaglio.errors import FileError, IntaglioError
 from intaglio.files import read_exr_header, read_image
 from intaglio.geometry import is_height_field, read_geometry_texture
 from intaglio.kernels.launch import threads
-from intaglio.mesh import Surface, border_loops, pieces, read_surface, used_vertices
+from intaglio.mesh import Surface, border_loops, holds_points, pieces, read_point_file, read_surface, used_vertices
 from intaglio.photometric import (
     ATTRIBUTE,
     checked_lights,
@@ -30,7 +30,9 @@ from intaglio.relief import fit_base, list_holes, sampling_distance
 from intaglio.render import variant
 from intaglio.synthesis import read_material
 
-_MOST_HOLES = 12
+_MOST_HOLES, _MOST_SCANS = 12, 6
+# Of larger clouds no surface is looked for: that would take minutes.
+_MOST_POINTS = 200_000
 
 
 def system_facts(asked: str | None) -> list[str]:
@@ -87,15 +89,43 @@ def _hole_lines(surface: Surface) -> list[str]:
 
 
 def point_facts(path: Path) -> list[str]:
-    """Return number, bounds, sampling and kind of surface of a file of points."""
-    texture = read_geometry_texture(path)
+    """Return number, bounds and what a file holds of its points; of all but large clouds, sampling and kind of surface too."""
+    found = read_point_file(path)
+    low, high = _place(found.points.min(axis=0)), _place(found.points.max(axis=0))
+    intensity = found.intensity
+    lines = [
+        f"{len(found)} points",
+        f"bounds {low} to {high}",
+        f"colour per point: {'yes' if found.color is not None else 'no'}; "
+        f"intensity: {'no' if intensity is None else f'{intensity.min():.6g} to {intensity.max():.6g}'}; "
+        f"normals: {'yes' if found.normals is not None else 'no'}",
+    ]
+    if found.viewpoints is None:
+        lines.append("scan positions: unknown")
+    else:
+        places = [_place(place) for place in found.viewpoints[:_MOST_SCANS]]
+        more = [f"and {len(found.viewpoints) - _MOST_SCANS} more"] if len(found.viewpoints) > _MOST_SCANS else []
+        lines.append(f"scan positions: {', '.join([*places, *more])}")
+    if len(found) > _MOST_POINTS:
+        return [*lines, f"sampling and kind of surface: not looked at for more than {_MOST_POINTS:,} points", *found.notes]
+    return [*lines, *_swatch_lines(path, found.notes)]
+
+
+def _place(point: Array) -> str:
+    # Ten digits tell millimetres in survey coordinates.
+    return f"({', '.join(f'{value:.10g}' for value in point)})"
+
+
+def _swatch_lines(path: Path, notes: tuple[str, ...]) -> list[str]:
+    """Sampling, height axis and kind of surface of points, as a swatch of geometry texture; or why they are none."""
+    try:
+        texture = read_geometry_texture(path)
+    except IntaglioError as problem:
+        return [f"no swatch of geometry texture: {str(problem).removeprefix(f'{path}: ')}", *notes]
     points = texture.points
-    low, high = texture.bounds
     field = is_height_field(points.points, texture.axis, texture.spacing, points.normals)
     return [
-        f"{len(points)} points with normals, {texture.spacing:.4g} apart",
-        f"bounds {np.array2string(low, precision=6)} to {np.array2string(high, precision=6)}; height axis {'xyz'[texture.axis]}",
-        f"colour per point: {'yes' if points.color is not None else 'no'}",
+        f"as a swatch: {len(points)} points with normals, {texture.spacing:.4g} apart; height axis {'xyz'[texture.axis]}",
         "a height field" if field else "surfaces over one another, no height field",
         *texture.notes,
     ]
@@ -133,10 +163,14 @@ def stack_facts(path: Path) -> list[str]:
         stack, photographs = examine_capture(path, "linear")
     except IntaglioError as problem:
         if path.suffix.lower() != ".lp":
+            if path.is_file() and holds_points(path):
+                return point_facts(path)
             raise
         names, lights = read_light_positions(path)
-        lights = checked_lights(lights, tuple(names))
-        return [f"{len(lights)} lights", *_light_facts(lights), f"the images can't be read: {problem}"]
+        high = lights[:, 2] > 0
+        low = [f"{int((~high).sum())} of them on or below the horizon"] if high.any() and not high.all() else []
+        above = checked_lights(lights[high] if low else lights, tuple(names))
+        return [f"{len(lights)} lights", *low, *_light_facts(above), f"the images can't be read: {problem}"]
     count, height, width, channels = stack.shape
     used = [one for one in photographs if one.used]
     over, under = (float(np.mean(shares)) for shares in ([one.over for one in used], [one.black for one in used]))

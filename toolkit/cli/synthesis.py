@@ -310,7 +310,7 @@ def _read_relightable_sample(
     stack = reading.read(first)
     with ProgressBar("fitting") as bar:
         texture = represent(stack, **vars(representation), device=device, progress=bar.update)
-    for note in stack.notes + texture.notes:
+    for note in texture.notes:
         click.echo(f"  {note}", err=True)
     return texture, reading.inputs(first, stack)
 

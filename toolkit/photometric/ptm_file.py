@@ -15,7 +15,7 @@ import numpy as np
 
 from intaglio.arrays import Array, PathLike
 from intaglio.errors import FileError
-from intaglio.files import check_readable, whole_file
+from intaglio.files import check_memory, check_readable, whole_file
 from intaglio.photometric.bases import PolynomialBasis, coefficients
 from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.relightable import Relightable
@@ -109,6 +109,9 @@ def read_ptm(path: PathLike) -> Relightable:
     scale, bias = np.array(reader.numbers(6)), np.array(reader.numbers(6))
     if not (np.abs(scale) <= 1e6).all() or not (np.abs(bias) <= 1e6).all():
         raise FileError(f"{path}: its scales and biases must be finite numbers, not {scale.tolist()} and {bias.tolist()}")
+    count = 9 if name.endswith("LRGB") else 18
+    # Levels, and coefficients as float64 and float32.
+    check_memory(path, height * width * count * (1 + 8 + 4), f"a texture of {width} x {height} pixels with {count} planes")
     if name in _STREAMS:
         planes = _jpeg_planes(reader, _STREAMS[name], (height, width))
     else:
@@ -201,12 +204,16 @@ def _jpeg_planes(reader: _Header, count: int, shape: tuple[int, int]) -> Array:
     extra: list[bytes] = []
     for i in range(count):
         stream = io.BytesIO(reader.take(int(sizes[i])))
+        # Pillow's own limit of size is not needed: a stream is decoded only if it has the size that memory was found for.
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
             with Image.open(stream, formats=["JPEG"]) as image:
                 size = image.size
                 plane = np.array(image.convert("L")) if size == (shape[1], shape[0]) else None
-        except (OSError, Image.DecompressionBombError) as error:
+        except (OSError, SyntaxError, ValueError) as error:
             raise FileError(f"{reader.path}: stream {i} can't be read as JPEG ({error})") from error
+        finally:
+            Image.MAX_IMAGE_PIXELS = limit
         if plane is None:
             raise FileError(f"{reader.path}: stream {i} is {size[0]} x {size[1]}, not {shape[1]} x {shape[0]}")
         planes.append(plane)
