@@ -1,15 +1,18 @@
 """Running the command: how it starts, how it is interrupted, and what it says when it can't go on.
 
-Everything but this module is imported under its protection, since imports take longer than many a command.
+The work is done in a child of the process that is called, which is forked before anything is imported. A signal ends the child by
+an exception, so that it removes what it was writing; if it is in compiled code that doesn't return, its parent ends it, and
+removes what it had told it of.
 """
 
 from __future__ import annotations
 
 import os
+import select
+import shutil
 import signal
 import socket
 import sys
-import threading
 import time
 import traceback
 import warnings
@@ -17,10 +20,13 @@ from contextlib import suppress
 from types import FrameType
 from typing import Any, NoReturn, TextIO
 
-# Compiled code that does not return gets so long, in seconds, after a signal.
-_PATIENCE = 0.12
+# Seconds that the child has to clean up after a signal, and to put files in their places if it is just doing that.
+_PATIENCE, _SETTLING = 0.15, 5.0
 
-_said = threading.Lock()
+# Windows knows no hanging up.
+_ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+_warned: set[str] = set()
 
 
 class _Ended(BaseException):
@@ -30,24 +36,38 @@ class _Ended(BaseException):
 def main() -> None:
     """Run the command; errors become one line on stderr and exit status 2, signals one line and 128 and their number."""
     _open_missing_streams()
+    told = _Supervisor().fork() if hasattr(os, "fork") else None
     signals = _Signals()
     try:
-        code = run()
+        code = run(told)
     except _Ended:
-        _say_interrupted()
-        code = 128 + signals.number
+        signals.leave_at_once(told is None)
+    except BaseException:
+        # Compiled code in between makes other errors of it.
+        if signals.number:
+            signals.leave_at_once(told is None)
+        raise
+    if signals.number and code:
+        signals.leave_at_once(told is None)
     signals.leave(code)
 
 
-def run() -> int:
-    """Run the command that the process' arguments name, and return its exit status; no file that it reads is replaced."""
+def run(told: int | None = None) -> int:
+    """Run the command that the process' arguments name, and return its exit status; no file that it reads is replaced.
+
+    Parameters
+    ----------
+    told : int, optional
+        File descriptor that is told of files that are being written.
+    """
     try:
         from intaglio.cli.entry import run_command
-        from intaglio.files import guard_inputs
+        from intaglio.files import guard_inputs, tell_unfinished
 
         _warned.clear()
         warnings.showwarning = _show_warning
         guard_inputs()
+        tell_unfinished(told)
         try:
             return run_command()
         finally:
@@ -104,13 +124,9 @@ def _write_error(line: str) -> None:
 
 
 def _say_interrupted() -> None:
-    """Say once that the command was interrupted; not through Python's stream, which the main thread may hold."""
-    if _said.acquire(blocking=False):
-        with suppress(OSError):
-            os.write(2, b"interrupted; no file was left half written\n")
-
-
-_warned: set[str] = set()
+    """Say that the command was interrupted; not through Python's stream, which may be in use."""
+    with suppress(OSError):
+        os.write(2, b"interrupted; no file was left half written\n")
 
 
 def _show_warning(
@@ -132,23 +148,16 @@ def _show_warning(
 
 
 class _Signals:
-    """The signals that end the command, while it lives.
-
-    A signal raises `_Ended` in the main thread, so that all files that are being written are removed on the way out. Where the
-    main thread is in compiled code that does not return soon, a thread removes them and ends the process.
-    """
+    """The signals that end the command, where the work is done: the first raises `_Ended`, later ones are not needed."""
 
     def __init__(self) -> None:
         self.number = 0
-        self._reader, self._writer = socket.socketpair()
-        self._writer.setblocking(False)
-        signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
+        for number in _ENDING:
             # Started by nohup, say, it stays ignored.
-            if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._raise)
-        threading.Thread(target=self._watch, daemon=True).start()
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
     def _raise(self, number: int, _: FrameType | None) -> None:
         first = self.number == 0
@@ -157,25 +166,131 @@ class _Signals:
         if first and (guard is None or guard.may_end_now()):
             raise _Ended
 
-    def _watch(self) -> None:
-        ending = {getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)}
-        while True:
-            number = self._reader.recv(1)[0]
-            if number in ending:
-                break
-        time.sleep(_PATIENCE)
-        guard: Any = sys.modules.get("intaglio.files.guard")
-        if guard is not None:
-            guard.remove_unfinished()
-        _say_interrupted()
-        os._exit(128 + number)
+    def leave_at_once(self, say: bool) -> NoReturn:
+        """End the process after a signal, when all has been cleaned up: unloading what was imported would take a second."""
+        if say:
+            _say_interrupted()
+        os._exit(128 + self.number)
 
     def leave(self, code: int) -> NoReturn:
         """End the process with an exit status; from here on signals are too late."""
+        for number in _ENDING:
+            signal.signal(number, signal.SIG_IGN)
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()
         sys.exit(code)
+
+
+class _Supervisor:
+    """The process that was called, while its child works: it takes the signals, and ends the child if that doesn't end itself."""
+
+    def __init__(self) -> None:
+        self._number = 0
+        self._came = 0.0
+        self._unfinished: set[str] = set()
+        self._made: list[str] = []
+        self._settling = False
+        self._rest = b""
+
+    def fork(self) -> int:
+        """Return, in the child alone, the file descriptor on which it tells what files it is writing."""
+        reader, writer = os.pipe()
+        # Until each side is ready for them.
+        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        child = os.fork()
+        if child == 0:
+            os.close(reader)
+            if sys.platform == "linux":
+                _end_with_parent()
+            return writer
+        os.close(writer)
+        status = self._wait(child, reader)
+        self._remove_unfinished()
+        if (self._number and status != 0) or status - 128 in _ENDING:
+            _say_interrupted()
+            status = 128 + (self._number or status - 128)
+        elif status < 0:
+            name = signal.Signals(-status).name
+            _write_error(f"intaglio: was ended by {name}" + (", as where memory runs out" if name == "SIGKILL" else ": a defect"))
+            status = 128 - status
+        os._exit(status)
+
+    def _wait(self, child: int, reader: int) -> int:
+        """Wait for the child, and return its exit status, negative for a signal."""
+        awake, wake = socket.socketpair()
+        wake.setblocking(False)
+        signal.set_wakeup_fd(wake.fileno(), warn_on_full_buffer=False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        for number in _ENDING:
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, lambda number, _: self._hand_on(number, child))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+        sources: list[socket.socket | int] = [awake, reader]
+        while True:
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                self._listen(reader)
+                return os.waitstatus_to_exitcode(status)
+            left = None
+            if self._number:
+                left = self._came + (_SETTLING if self._settling else _PATIENCE) - time.monotonic()
+                if left <= 0:
+                    os.kill(child, signal.SIGKILL)
+                    left = None
+            ready = select.select(sources, [], [], left)[0]
+            if awake in ready:
+                awake.recv(64)
+            if reader in ready and not self._listen(reader):
+                sources = [awake]
+
+    def _hand_on(self, number: int, child: int) -> None:
+        """Remember a signal, and give it to the child, which has it already only if it came from the keyboard."""
+        if not self._number:
+            self._number, self._came = number, time.monotonic()
+            os.kill(child, number)
+
+    def _listen(self, reader: int) -> bool:
+        """Take what the child tells; False when it has gone."""
+        more = False
+        while select.select([reader], [], [], 0)[0]:
+            data = os.read(reader, 65536)
+            if not data:
+                break
+            more = True
+            *messages, self._rest = (self._rest + data).split(b"\0")
+            for message in messages:
+                kind, path = message[:1], os.fsdecode(message[1:])
+                if kind in (b"(", b")"):
+                    self._settling = kind == b"("
+                elif kind == b"/":
+                    self._made.append(path)
+                elif kind == b"+":
+                    self._unfinished.add(path)
+                else:
+                    self._unfinished.discard(path)
+        return more
+
+    def _remove_unfinished(self) -> None:
+        for path in self._unfinished:
+            if os.path.isdir(path) and not os.path.islink(path):
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                with suppress(OSError):
+                    os.unlink(path)
+        if self._number:
+            # Folders that were made for the output, inner ones first, as far as they are empty.
+            for path in self._made:
+                with suppress(OSError):
+                    os.rmdir(path)
+
+
+def _end_with_parent() -> None:
+    """Have Linux end this process when its parent is ended by what can't be caught."""
+    import ctypes
+
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)
 
 
 def _open_missing_streams() -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +18,9 @@ _read: set[tuple[int, int]] = set()
 _guarding = False
 _hooked = False
 
-_unfinished: set[Path] = set()
+_told: int | None = None
 _settling = False
 _asked_to_end = False
-_lock = threading.Lock()
 
 
 def guard_inputs(on: bool = True) -> None:
@@ -79,7 +76,7 @@ def _identity(path: PathLike) -> tuple[int, int] | None:
 
 
 def may_end_now() -> bool:
-    """Tell whether the process may end at once; else it is told to end as soon as files have been put in their places."""
+    """Tell whether the process may end at once; else it ends itself as soon as files have been put in their places."""
     global _asked_to_end
     _asked_to_end = _settling
     return not _settling
@@ -89,38 +86,43 @@ def may_end_now() -> bool:
 def settling() -> Iterator[None]:
     """Let no signal come between the files that are put in their places together."""
     global _settling
+    _tell(b"(")
     _settling = True
     try:
         yield
     finally:
         _settling = False
+        _tell(b")")
     if _asked_to_end:
         raise KeyboardInterrupt
 
 
-def begin_unfinished(path: Path) -> None:
-    """Remember a file or folder that has to go if the work on it does not end."""
-    with _lock:
-        _unfinished.add(path)
+def tell_unfinished(descriptor: int | None) -> None:
+    """From now on write to a file descriptor, for who cleans up after this process, what is begun and ended; None ends that."""
+    global _told
+    _told = descriptor
 
 
-def end_unfinished(path: Path) -> None:
-    """Remove a file or folder of `begin_unfinished`, if it is still there."""
-    _remove(path)
-    with _lock:
-        _unfinished.discard(path)
+def _tell(kind: bytes, path: PathLike = "") -> None:
+    if _told is not None:
+        with suppress(OSError):
+            os.write(_told, kind + os.fsencode(os.path.abspath(path) if path else "") + b"\0")
 
 
-def remove_unfinished() -> None:
-    """Remove all that was begun and is not finished: for a process that is about to be ended from outside."""
-    while _settling:
-        time.sleep(0.001)
-    for path in list(_unfinished):
-        _remove(path)
+def tell_made(folder: Path) -> None:
+    """Tell who cleans up after this process that a folder is made, which is to go if it stays empty."""
+    _tell(b"/", folder)
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+@contextmanager
+def unfinished(path: Path) -> Iterator[Path]:
+    """Remove a file or folder, which the block makes, at its end if it is still there, whatever the end."""
+    _tell(b"+", path)
+    try:
+        yield path
+    finally:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+        _tell(b"-", path)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
+import secrets
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from intaglio.arrays import PathLike
+from intaglio.checks import checked_path
 from intaglio.errors import FileError
-from intaglio.files.guard import begin_unfinished, check_not_read, end_unfinished, forget_read, note_read, settling
+from intaglio.files.guard import check_not_read, forget_read, note_read, settling, tell_made, unfinished
 
 
 def check_readable(path: PathLike) -> Path:
     """Return ``path`` as a Path, or raise `FileError` saying why it can't be read."""
-    path = Path(path)
+    path = checked_path("path", path)
     try:
         exists = path.exists()
     except (OSError, ValueError) as error:
@@ -80,8 +82,12 @@ def _give_usual_permissions(path: Path) -> None:
 
 def check_folder(path: PathLike) -> Path:
     """Return ``path`` as a Path, or raise `FileError` if it is neither a writable folder nor can become one."""
-    path = Path(path)
-    if path.exists() and not path.is_dir():
+    path = checked_path("folder", path)
+    try:
+        exists = path.exists()
+    except OSError as error:
+        raise FileError(f"{path}: is no usable folder name ({error.strerror})") from error
+    if exists and not path.is_dir():
         raise FileError(f"{path}: is a file; give a folder")
     nearest = path
     while not nearest.exists() and nearest != nearest.parent:
@@ -108,39 +114,34 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
     """
     folder = Path(folder)
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
+    for made in missing:
+        tell_made(made)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        beside = Path(tempfile.mkdtemp(prefix=".part-", dir=folder))
-    except OSError as error:
-        _remove_empty(missing)
-        raise FileError(f"{folder}: can't be written to ({error.strerror or error})") from error
-    begin_unfinished(beside)
-    try:
-        inside = beside / "new"
-        inside.mkdir()
-        yield inside
-        made = sorted(inside.iterdir())
-        for path in made:
-            target = folder / path.name
-            if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
-                raise FileError(f"{target}: is in the way and not a {'folder' if path.is_dir() else 'file'}; move it elsewhere")
-            # A folder is replaced with all that lies in it.
-            for file in [target, *target.rglob("*")] if target.is_dir() else [target]:
-                check_not_read(file)
-        with settling():
-            for path in made:
-                _give_usual_permissions(path)
+        with unfinished(folder / f".part-{secrets.token_hex(8)}") as beside:
+            inside = beside / "new"
+            inside.mkdir(parents=True)
+            yield inside
+            new = sorted(inside.iterdir())
+            for path in new:
                 target = folder / path.name
-                if target.is_dir():
-                    os.replace(target, beside / f"old-{path.name}")
-                os.replace(path, target)
-            missing = []
+                if target.exists() and (target.is_dir() != path.is_dir() or target.is_symlink()):
+                    what = "folder" if path.is_dir() else "file"
+                    raise FileError(f"{target}: is in the way and not a {what}; move it elsewhere")
+                # A folder is replaced with all that lies in it.
+                for file in [target, *target.rglob("*")] if target.is_dir() else [target]:
+                    check_not_read(file)
+            with settling():
+                for path in new:
+                    _give_usual_permissions(path)
+                    target = folder / path.name
+                    if target.is_dir():
+                        os.replace(target, beside / f"old-{path.name}")
+                    os.replace(path, target)
     except OSError as error:
         if isinstance(error, FileError):
             raise
         raise FileError(f"{folder}: could not be written to ({error.strerror or error})") from error
     finally:
-        end_unfinished(beside)
         _remove_empty(missing)
 
 
@@ -167,22 +168,16 @@ def whole_file(path: PathLike) -> Iterator[Path]:
     path = check_writable(path)
     target = path.resolve() if path.is_symlink() else path
     try:
-        handle, name = tempfile.mkstemp(prefix=".part-", suffix=path.suffix, dir=target.parent)
-    except OSError as error:
-        raise FileError(f"{path}: the folder {target.parent} can't be written to ({error.strerror or error})") from error
-    beside = Path(name)
-    begin_unfinished(beside)
-    os.close(handle)
-    try:
-        yield beside
-        check_not_read(target)
-        # What was written may have been read again, by a library that checks or completes it; it is no input for that.
-        forget_read(beside)
-        _give_usual_permissions(beside)
-        os.replace(beside, target)
+        with unfinished(target.with_name(f".part-{secrets.token_hex(8)}{path.suffix}")) as beside:
+            # Nobody else reads it while it is being written.
+            os.close(os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+            yield beside
+            check_not_read(target)
+            # What was written may have been read again, by a library that checks or completes it; it is no input for that.
+            forget_read(beside)
+            _give_usual_permissions(beside)
+            os.replace(beside, target)
     except OSError as error:
         if isinstance(error, FileError):
             raise
         raise FileError(f"{path}: could not be written ({error.strerror or error})") from error
-    finally:
-        end_unfinished(beside)
