@@ -179,3 +179,64 @@ def test_grouped_options_reach_the_command_as_one_argument():
     assert [param.name for param in command.params] == ["first", "weight", "no_seam", "last"]
     command.main(["--weight", "3", "--last", "4"], standalone_mode=False)
     assert seen == {"first": 1, "fit": {"weight": 3.0, "no_seam": False}, "last": 4, "given": True}
+
+
+def rendered(monkeypatch, capsys, mesh, path, *options):
+    status, _, err = run(monkeypatch, capsys, "render", mesh, "-o", path, "--size", "60x60", "--samples", 4, *options)
+    assert status == 0, err
+    return intaglio.read_image(path)[:, :, :3]
+
+
+def test_a_filling_is_looked_at_close_up(monkeypatch, capsys, scan_file, tmp_path):
+    """Of the whole mesh the filling is a small part; close up it fills much of the picture, and is in its middle."""
+    scan = intaglio.read_surface(scan_file)
+    whole = intaglio.complete_relief(scan, "plane", window=3, refine=0, extent="holes")
+    whole.write(tmp_path / "whole.ply")
+
+    def blue(name, mesh, *options):
+        image = rendered(monkeypatch, capsys, mesh, tmp_path / name, "--provenance", *options)
+        return image[:, :, 2] > 1.05 * image[:, :, 0]
+
+    far = blue("far.png", tmp_path / "whole.ply")
+    near = blue("near.png", tmp_path / "whole.ply", "--hole", 1)
+    assert 0 < far.mean() < 0.08
+    assert near.mean() > 3 * far.mean()
+    rows, columns = np.nonzero(near)
+    assert abs(rows.mean() - 29.5) < 6
+    assert abs(columns.mean() - 29.5) < 6
+    at = ",".join(f"{v:.3f}" for v in whole.vertices[~whole.measured].mean(axis=0))
+    same = blue("same.png", tmp_path / "whole.ply", "--look-at", at, "--zoom", 3)
+    assert same.mean() > 3 * far.mean()
+    for words, said in (
+        (("--hole", 9), "no filling 9: it has 1"),
+        (("--hole", 1, "--look-at", "0,0,0"), "give one of them"),
+        (("--zoom", -1), "zoom"),
+        (("--direction", "0,0,0"), "all zero"),
+    ):
+        status, _, err = run(monkeypatch, capsys, "render", tmp_path / "whole.ply", "-o", tmp_path / "x.png", *words)
+        assert status == 2
+        assert said in err
+        assert len(err.splitlines()) == 1
+
+
+def test_a_hole_of_a_scan_is_looked_at(monkeypatch, capsys, scan_file, tmp_path):
+    numbers = [h.number for h in intaglio.list_holes(intaglio.read_surface(scan_file)) if not h.outer]
+    far = rendered(monkeypatch, capsys, scan_file, tmp_path / "far.png")
+    near = rendered(monkeypatch, capsys, scan_file, tmp_path / "near.png", "--hole", numbers[0])
+    # The background shows through the hole.
+    through = [
+        np.isclose(image, image[0, 0] if k == 0 else far[0, 0], atol=0.02).all(axis=2) for k, image in enumerate((far, near))
+    ]
+    assert through[1][25:35, 25:35].mean() > 0.9
+    assert through[1].mean() > 0.1
+
+
+def test_holes_are_named_by_the_scans_own_vertices(wave_sheet):
+    scan, _ = wave_sheet
+    holed = scan.part(np.linalg.norm(scan.vertices[:, :2] - 20, axis=1) > 5)
+    stray = intaglio.Surface(
+        vertices=np.concatenate([[[900, 0, 0], [901, 0, 0], [900, 1, 0]], holed.vertices]),
+        faces=np.concatenate([[[0, 1, 2]], holed.faces + 3]),
+    )
+    for first, second in zip(intaglio.list_holes(holed), intaglio.list_holes(stray), strict=True):
+        np.testing.assert_array_equal(first.loop + 3, second.loop)

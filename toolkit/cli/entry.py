@@ -11,6 +11,7 @@ import numpy as np
 import intaglio
 from intaglio.arrays import Array
 from intaglio.cli.assessment import assess
+from intaglio.cli.close_ups import CloseUp
 from intaglio.cli.facts import (
     image_facts,
     is_texture,
@@ -22,7 +23,7 @@ from intaglio.cli.facts import (
     texture_facts,
 )
 from intaglio.cli.geometry import extend
-from intaglio.cli.options import Numbers, common, image_size, known_suffix, render_on
+from intaglio.cli.options import Numbers, common, grouped, image_size, known_suffix, render_on
 from intaglio.cli.photographs import restore, texture
 from intaglio.cli.photometric import relight, represent
 from intaglio.cli.relief import complete
@@ -49,8 +50,15 @@ for _command in (complete, represent, relight, assess, synthesize, rank, texture
 @cli.command(epilog="Example: intaglio render whole.ply -o whole.png --direction 1,0.2,0.5 --slant 65")
 @click.argument("mesh", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write.")
-@click.option("--direction", type=Numbers(3), default="0,0,1", show_default=True, help="x,y,z: from the object to the eye.")
-@click.option("--up", type=Numbers(3), default="0,1,0", show_default=True)
+@grouped(
+    "close_up",
+    CloseUp,
+    click.option("--direction", type=Numbers(3), default=None, help="x,y,z: from the object to the eye; default 0,0,1."),
+    click.option("--up", type=Numbers(3), default="0,1,0", show_default=True, help="x,y,z: upright in the picture."),
+    click.option("--look-at", type=Numbers(3), default=None, help="x,y,z: the middle of the picture."),
+    click.option("--zoom", type=click.FloatRange(0.01, 10000), default=None, help="How much larger than the whole mesh fits in."),
+    click.option("--hole", type=int, default=None, help="Look at this filling, largest first, or at this hole as info lists it."),
+)
 @click.option("--size", default="800x800", show_default=True, help="WIDTHxHEIGHT in pixels.")
 @click.option("--tilt", type=float, default=135.0, show_default=True, help="Light's direction in the picture, degrees.")
 @click.option("--slant", type=float, default=60.0, show_default=True, help="Light's angle from the line of sight, degrees.")
@@ -62,8 +70,7 @@ for _command in (complete, represent, relight, assess, synthesize, rank, texture
 def render(
     mesh: Path,
     output: Path,
-    direction: tuple[float, ...],
-    up: tuple[float, ...],
+    close_up: CloseUp,
     size: str,
     tilt: float,
     slant: float,
@@ -76,24 +83,19 @@ def render(
 ) -> None:
     """Render MESH under raking light, so that its relief shows."""
     from intaglio.relief import FILLED_TINT
-    from intaglio.render import CLAY, Light, frame, view
+    from intaglio.render import CLAY, Light, view
 
     check_writable(output, inputs=(mesh,))
     known_suffix(output, IMAGE_SUFFIXES, "image")
     shape = image_size(size)
-    if not any(direction) or not any(up):
-        raise InputError("--direction and --up must not be all zero")
     if not np.isfinite([tilt, slant]).all():
         raise InputError("--tilt and --slant must be finite numbers of degrees")
     render_on(device)
     surface = intaglio.read_surface(mesh)
-    used = np.unique(surface.faces)
-    if len(used) == 0:
-        raise InputError(f"{mesh}: has no faces, there is nothing to render")
+    camera = close_up.camera(mesh, surface)
     colors = surface.color if color else None
     if provenance:
         colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
-    camera = frame(surface.vertices[used], np.array(direction), up=np.array(up), margin=1.05)
     image = view(
         surface.vertices,
         surface.faces,

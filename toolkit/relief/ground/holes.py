@@ -30,8 +30,7 @@ class Hole:
     number : int
         Number from 1, by decreasing length, as `complete_relief` takes it.
     loop : (K,) int32 array
-        The vertices in order, each once, with the scan's faces on the left. They are numbered among those that completion
-        keeps, without small pieces and unused vertices. A border that touches itself is several loops.
+        The scan's vertices in order, each once, with its faces on the left. A border that touches itself is several loops.
     length : float
         Length of the loop, in the input's unit.
     area : float

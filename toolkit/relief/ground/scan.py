@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from intaglio.arrays import Array
@@ -111,7 +113,8 @@ def list_holes(surface: Surface) -> list[Hole]:
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
     check_faces(surface)
     kept, faces, _ = pieces_on_base(None, surface.vertices, surface.faces)
-    return find_holes(surface.vertices[kept], faces)
+    numbers = np.flatnonzero(kept).astype(np.int32)
+    return [replace(hole, loop=numbers[hole.loop]) for hole in find_holes(surface.vertices[kept], faces)]
 
 
 def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:
