@@ -92,3 +92,32 @@ def test_info_tells_of_points(swatch_file, run):
     assert "points with normals" in said
     assert "height axis z" in said
     assert "no height field" in said
+
+
+def test_info_tells_what_a_scan_holds_and_leaves_out_what_takes_minutes(tmp_path, run, monkeypatch):
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.random((400, 2)) * 10, np.zeros(400)])
+    table = np.column_stack([points, np.arange(400), rng.integers(0, 256, (400, 3))])
+    head = "20\n20\n5 5 9\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n500000.25 5 9 1\n"
+    (tmp_path / "a.ptx").write_text(head + "".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in table))
+    code, said, _ = run("info", tmp_path / "a.ptx")
+    assert code == 0
+    for part in (
+        "400 points",
+        "colour per point: yes",
+        "intensity: 0 to 399",
+        "normals: no",
+        "scan positions: (500000.25, 5, 9)",
+    ):
+        assert part in said
+    assert "turned to where the scanner stood" in said
+    monkeypatch.setattr("intaglio.cli.facts._MOST_POINTS", 399)
+    code, said, _ = run("info", tmp_path / "a.ptx")
+    assert code == 0
+    assert "not looked at for more than 399 points" in said
+    # Tables named as lists of lights are.
+    np.savetxt(tmp_path / "cloud.txt", points)
+    code, said, _ = run("info", tmp_path / "cloud.txt")
+    assert code == 0
+    assert "400 points" in said
+    assert "scan positions: unknown" in said

@@ -26,6 +26,7 @@ def read_pcd(path: Path) -> PointFile:
     FileError
         If the header lacks something or does not agree with the file's size.
     """
+    check_memory(path, 4 * path.stat().st_size, "its points")
     data = path.read_bytes()
     header, start = _header(data[:_HEADER], path)
     fields, count, organized, kind = _layout(header, path)

@@ -11,10 +11,15 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError
+from intaglio.files import check_memory
 from intaglio.mesh.point_cloud import PointFile, colors_from, is_number, named, odd_line, quoted
 
 # Lines before the first row of numbers that may say something else, and the share of later ones.
 _MOST_HEADING, _FEW_BAD = 50, 0.05
+# Lines that are read at once where some of a table's can't be.
+_BLOCK = 5000
+# Memory that a byte of text takes while it is read.
+_PER_BYTE = 8
 _COMMENT = ("#", "//", "%", '"#', "!")
 # What columns are called in the headings of tables, in lower case without signs and brackets.
 _NAMES = {
@@ -55,6 +60,7 @@ def text_of(path: Path) -> str:
     FileError
         If it holds bytes that no text holds.
     """
+    check_memory(path, _PER_BYTE * path.stat().st_size, "its text")
     data = path.read_bytes()
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16", "replace")
@@ -68,7 +74,7 @@ def read_table(path: Path) -> PointFile:
     table = _table(text_of(path), path)
     notes = table.notes
     rows = table.rows
-    if table.count is not None and table.count != len(rows) + table.left_out:
+    if table.count is not None and not len(rows) <= table.count <= len(rows) + table.left_out:
         said = "the file may be cut off" if table.count > len(rows) else "all were read"
         notes.append(f"it promises {table.count:.15g} points, but holds {len(rows)}: {said}")
     columns = _columns(table.heading, rows.shape[1])
@@ -161,34 +167,51 @@ def _rows(text: str, delimiter: str | None, number: int, path: Path, notes: list
     except ValueError:
         pass
     lines = text.split("\n")
-    split = [line.split(delimiter) for line in lines]
-    full = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENT)]
-    usual = int(np.bincount([len(split[k]) for k in full]).argmax())
-    good: list[list[float]] = []
+    usual = _usual_width(lines, delimiter)
+    good: list[Array] = []
     bad: list[int] = []
     promised = 0
-    for at in full:
-        words = split[at]
+    for begin in range(0, len(lines), _BLOCK):
+        block = lines[begin : begin + _BLOCK]
         try:
-            row = list(map(float, words))
+            full = any(map(str.strip, block))
+            rows = np.loadtxt(block, delimiter=delimiter, comments=None, ndmin=2) if full else np.zeros((0, usual))
         except ValueError:
-            row = []
-        if len(row) == usual and "_" not in lines[at]:
-            good.append(row)
-        elif len(words) == 1 and words[0].isdecimal() and len(words[0]) < 16:
-            # Where .pts files hold several scans, each has its count.
-            promised += int(words[0])
-        else:
-            bad.append(at)
+            rows = np.zeros((0, 0))
+        if rows.shape[1] == usual:
+            good.append(rows)
+            continue
+        single: list[list[float]] = []
+        for at, line in enumerate(block, begin):
+            words = line.split(delimiter)
+            if not line.strip() or line.lstrip().startswith(_COMMENT):
+                continue
+            if len(words) == usual and all(map(is_number, words)):
+                single.append(list(map(float, words)))
+            elif len(words) == 1 and words[0].isdecimal() and len(words[0]) < 16:
+                # Where .pts files hold several scans, each has its count.
+                promised += int(words[0])
+            else:
+                bad.append(at)
+        good.append(np.array(single).reshape(-1, usual))
+    table = np.concatenate(good)
     if bad:
         where = f"line {bad[0] + number}: {quoted(lines[bad[0]])}"
-        if len(bad) > _FEW_BAD * len(good):
-            found = sorted({len(split[k]) for k in full})
-            if len(found) > 1 and all(all(map(is_number, split[k])) for k in bad):
+        if len(bad) > _FEW_BAD * len(table):
+            split = [lines[k].split(delimiter) for k in bad]
+            found = sorted({usual, *map(len, split)})
+            if len(found) > 1 and all(all(map(is_number, words)) for words in split):
                 raise FileError(f"{path}: lines must hold as many numbers, all alike; found {found[:6]} of them, as in {where}")
             raise FileError(f"{path}: {where}; {usual} numbers are needed there and in {named(len(bad) - 1, 'further line')}")
         notes.append(f"{named(len(bad), 'line')} that hold no {usual} numbers left out, the first is {where}")
-    return np.array(good), len(bad), promised
+    return table, len(bad), promised
+
+
+def _usual_width(lines: list[str], delimiter: str | None) -> int:
+    """Return how many columns most lines have, of an even choice of them."""
+    full = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(_COMMENT)]
+    chosen = full[:: max(1, len(full) // _BLOCK)]
+    return int(np.bincount([len(lines[k].split(delimiter)) for k in chosen]).argmax())
 
 
 def _columns(heading: list[str], width: int) -> dict[str, Array] | None:
