@@ -38,7 +38,7 @@ def quilt(
     cut: str = "path",
     continuation: str = "shortcut",
     tileable: bool = False,
-    refine: int = 0,
+    refine: int = 2,
     mask: Array | None = None,
     match: Any = None,
     seed: int = 0,
@@ -72,7 +72,7 @@ def quilt(
         results are not repeated.
     refine : int, optional
         Passes of texture optimisation for each size of window, 0 to 100; see `QuiltOptions`. Windows are matched to the
-        sample, pixels take the vote of the windows over them, and the last pass copies again. Default 0: plain quilting,
+        sample, pixels take the vote of the windows over them, and the last pass copies again. Default 2; 0 is plain quilting,
         as published.
     mask : (H, W) bool array, optional
         Pixels of the sample that may be used. Default None: all.
