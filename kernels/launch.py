@@ -8,11 +8,14 @@ outputs, results do not depend on how a launch was split.
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import os
+import shutil
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -79,10 +82,25 @@ def start_warp() -> None:
         if _started:
             return
         if wp.config.log_level <= wp.LOG_INFO or _has_cuda_driver():
-            wp.init()
+            _init()
         else:
             _start_without_driver_warning()
         _started = True
+
+
+def _init() -> None:
+    """Start Warp; where its folder of compiled kernels can't be made, with a temporary one."""
+    try:
+        wp.init()
+    except OSError as error:
+        folder = tempfile.mkdtemp(prefix="intaglio-kernels-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        problem = f"{error.filename}: {error.strerror}"
+        warnings.warn(
+            f"no place to keep compiled kernels ({problem}): they are compiled again each time; set WARP_CACHE_PATH", stacklevel=2
+        )
+        wp.config.kernel_cache_dir = folder
+        wp.init()
 
 
 def _has_cuda_driver() -> bool:
@@ -102,14 +120,14 @@ def _start_without_driver_warning() -> None:
         saved = os.dup(2)
     except OSError:
         # The process runs without a standard error.
-        wp.init()
+        _init()
         return
     if sys.stderr is not None:
         sys.stderr.flush()
     with tempfile.TemporaryFile() as caught:
         os.dup2(caught.fileno(), 2)
         try:
-            wp.init()
+            _init()
         finally:
             os.dup2(saved, 2)
             os.close(saved)

@@ -307,7 +307,6 @@ def _with(surface, **changes):
 @pytest.mark.parametrize(
     ("mesh", "message"),
     [
-        (_with(grid(), vertices=np.concatenate([grid().vertices, [[9.0, 9, 9]]])), "vertex 81"),
         (_with(grid(), faces=np.concatenate([grid().faces, [[0, 1, 2]]])), "no area"),
         (_with(grid(), faces=np.concatenate([grid().faces, grid().faces[:1]])), "two faces on one side"),
         (_with(grid(), faces=np.zeros((0, 3), int)), "no faces"),
@@ -317,6 +316,15 @@ def _with(surface, **changes):
 def test_bad_meshes_are_named(mesh, message):
     with pytest.raises(InputError, match=message):
         parameterize(mesh)
+
+
+def test_vertices_that_no_face_uses_get_no_place():
+    whole = grid()
+    stray = _with(whole, vertices=np.concatenate([[[9.0, 9, 9]], whole.vertices]), faces=whole.faces + 1)
+    found, expected = parameterize(stray, device="cpu"), parameterize(whole, device="cpu")
+    np.testing.assert_array_equal(found.uv, expected.uv)
+    np.testing.assert_array_equal(found.vertex, expected.vertex + 1)
+    assert not found.cut
 
 
 @pytest.mark.parametrize(

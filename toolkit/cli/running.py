@@ -63,7 +63,9 @@ def run(told: int | None = None) -> int:
     try:
         from intaglio.cli.entry import run_command
         from intaglio.files import guard_inputs, tell_unfinished
-
+    except Exception as error:
+        return _stop(f"can't start: {error}; install Intaglio again, or give it more memory")
+    try:
         _warned.clear()
         warnings.showwarning = _show_warning
         guard_inputs()
@@ -102,8 +104,8 @@ def _explain(error: BaseException) -> int:
         return _stop(f"{error.filename or 'output'}: {error.strerror or error}")
     if isinstance(error, ValueError) and "INTAGLIO_" in str(error):
         return _stop(str(error))
-    if isinstance(error, ImportError):
-        return _stop(f"can't start: {error}; install Intaglio again, or give it more memory")
+    if isinstance(error, RuntimeError) and "shared library" in str(error):
+        return _stop(f"can't start: {error}; give it more memory, or install Intaglio again")
     if os.environ.get("INTAGLIO_VERBOSE", "") not in ("", "0"):
         traceback.print_exception(error)
     _stop(f"defect: {type(error).__name__}: {error}; with INTAGLIO_VERBOSE=1 its traceback is shown, please report it")

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array
 
 from intaglio.arrays import Array, Progress
+from intaglio.checks import checked_arguments
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.distortion import MIPS, STRETCH, Distortion
-from intaglio.mesh import Surface, adjacency, border_loops
+from intaglio.mesh import Surface, adjacency, border_loops, used_vertices
 from intaglio.parameterization.atlas import atlas
 from intaglio.parameterization.charts import (
     Chart,
@@ -57,6 +58,7 @@ MARGIN = 0.005
 _MOST_SEAMS = 12
 
 
+@checked_arguments
 def parameterize(
     surface: Surface,
     energy: str = "stretch",
@@ -79,7 +81,8 @@ def parameterize(
     Parameters
     ----------
     surface : Surface
-        Every vertex must belong to a face, every triangle have area, and the faces join as a surface.
+        Every triangle must have area, and the faces join as a surface, as `read_surface` leaves them. Vertices that no face uses
+        get no place.
     energy : {"stretch", "stretch-max", "mips", "intrinsic", "mean-value"}, optional
         What is minimised: the L2 geometric stretch; the largest stretch, approached by high powers; the conformal MIPS
         energy; the linear intrinsic mixture (with a fixed boundary; it may flip triangles, which are counted); or only the
@@ -115,7 +118,7 @@ def parameterize(
     Raises
     ------
     InputError
-        For vertices without faces, triangles without area, faces that don't join as a surface, and options out of range.
+        For triangles without area, faces that don't join as a surface, and options out of range.
 
     See Also
     --------
@@ -139,6 +142,22 @@ def parameterize(
     >>> round(uv.l2_stretch, 6), uv.flips
     (1.0, 0)
     """
+    used = used_vertices(surface.faces, len(surface.vertices))
+    if used.any() and not used.all():
+        part = parameterize(
+            surface.part(used),
+            energy,
+            boundary=boundary,
+            view=view,
+            importance=importance,
+            shape_threshold=shape_threshold,
+            max_stretch=max_stretch,
+            conformal=conformal,
+            iterations=iterations,
+            device=device,
+            progress=progress,
+        )
+        return replace(part, vertex=np.flatnonzero(used)[part.vertex].astype(np.int32))
     options = Options(surface, energy, boundary, view, importance, shape_threshold, max_stretch, conformal, iterations)
     chosen = device_or_error(device)
     kind = classify_topology(surface)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_choice
+from intaglio.checks import checked_choice, checked_direction
 from intaglio.errors import InputError
 from intaglio.mesh import Surface, vertex_normals
 
@@ -47,20 +47,10 @@ class Options:
         self.importance = np.ones(len(surface.faces))
         self.seam_cost: Array | None = None
         if view is not None:
-            towards = _direction(view)
+            towards = checked_direction("view", view)
             corner = surface.vertices[surface.faces]
             normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
             normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
             self.importance = 1 / (importance - normal @ towards)
             facing = vertex_normals(surface.vertices, surface.faces) @ towards
             self.seam_cost = 1 + 4 * np.maximum(facing + 0.5, 0)
-
-
-def _direction(view: ArrayLike) -> Array:
-    try:
-        towards = np.asarray(view, np.float64).reshape(-1)
-    except (TypeError, ValueError):
-        towards = np.zeros(0)
-    if towards.shape != (3,) or not np.isfinite(towards).all() or not towards.any():
-        raise InputError(f"view must be three finite numbers, not all zero; it is {view!r}")
-    return towards / np.linalg.norm(towards)

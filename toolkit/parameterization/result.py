@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_faces, checked_shape
+from intaglio.errors import InputError
 from intaglio.mesh import Surface, pieces
 from intaglio.parameterization.charts import doubled_areas, doubled_texture_areas, flat_edges, invert_matrices, squared_stretches
 
@@ -66,6 +68,23 @@ class Parameterization:
     face_stretch: Array
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        uv = checked_shape("uv", self.uv, np.float64, (None, 2), finite=True)
+        faces = checked_faces("faces", self.faces, len(uv))
+        for name, value in (
+            ("uv", uv),
+            ("faces", faces),
+            ("vertex", checked_shape("vertex", self.vertex, np.int32, (len(uv),))),
+            ("chart", checked_shape("chart", self.chart, np.int32, (len(faces),))),
+            ("shape_ratio", checked_shape("shape_ratio", self.shape_ratio, np.float64, (len(faces),))),
+            ("face_stretch", checked_shape("face_stretch", self.face_stretch, np.float64, (len(faces),))),
+        ):
+            object.__setattr__(self, name, value)
+        for name, numbers in (("vertex", self.vertex), ("chart", self.chart)):
+            if numbers.min(initial=0) < 0:
+                raise InputError(f"{name} must hold numbers from 0, not {numbers.min()}")
+
     @property
     def charts(self) -> int:
         """Number of charts.
@@ -104,7 +123,7 @@ class Parameterization:
         >>> intaglio.parameterize(square, device="cpu").cut
         False
         """
-        return len(self.vertex) > int(self.vertex.max()) + 1
+        return len(np.unique(self.vertex)) < len(self.vertex)
 
 
 def measure_parameterization(

@@ -8,7 +8,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.errors import InputError
-from intaglio.mesh import Surface, Topology, border_loops, directed_edges, edge_keys, pieces, unique_edges, used_vertices
+from intaglio.mesh import Surface, Topology, border_loops, directed_edges, edge_keys, pieces, unique_edges
 from intaglio.parameterization.charts import doubled_areas
 
 # A triangle whose height is below this share of its longest side counts as having no area: its angles are lost to rounding.
@@ -46,18 +46,12 @@ def classify_topology(surface: Surface) -> Kind:
     Raises
     ------
     InputError
-        For a mesh without faces, with vertices that no face uses, triangles without area, or edges and vertices at which it
+        For a mesh without faces, triangles without area, or edges and vertices at which it
         is not a surface.
     """
     vertices, faces = surface.vertices, surface.faces
     if len(faces) == 0:
         raise InputError("the mesh has no faces; there is nothing to lay flat")
-    unused = np.flatnonzero(~used_vertices(faces, len(vertices)))
-    if len(unused):
-        raise InputError(
-            f"{len(unused)} vertices belong to no face, the first is vertex {unused[0]}; leave them out "
-            "(--repair, or surface.part with the vertices that faces use)"
-        )
     corner = vertices[faces]
     longest = np.max(np.sum((corner - np.roll(corner, 1, axis=1)) ** 2, axis=2), axis=1)
     scale = float(np.sqrt(longest.max())) or 1.0
