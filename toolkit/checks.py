@@ -132,23 +132,20 @@ def real_array(name: str, value: object) -> Array:
         raise InputError(f"{name} must be an array of numbers ({error})") from error
     if array.dtype.kind not in "biuf":
         what = shown(value) if array.ndim == 0 else f"of {array.dtype}"
-        raise InputError(f"{name} must be an array of real numbers, not {what}")
-    # Squares of larger numbers overflow; NaN and infinity are the function's matter.
-    if array.dtype.kind == "f" and array.dtype.itemsize > 4 and array.size and _largest(array) > LARGEST:
-        raise InputError(f"{name} holds numbers beyond {LARGEST:g}, of which squares can't be computed")
+        raise InputError(f"{name} must be an array of {'real ' if array.dtype.kind == 'c' else ''}numbers, not {what}")
     return np.require(array, array.dtype.newbyteorder("="), "C")
 
 
-def _largest(array: Array) -> float:
-    """Return the largest finite magnitude of an array that is not empty."""
-    largest = max(np.fmax.reduce(array, axis=None), -np.fmin.reduce(array, axis=None))
-    return float(np.abs(array[np.isfinite(array)]).max(initial=0) if np.isinf(largest) else largest)
+def refuse_huge(name: str, array: Array) -> None:
+    """Raise `InputError` for finite numbers whose squares overflow."""
+    if array.size and array.dtype.itemsize > 4 and max(array.max(), -array.min()) > LARGEST:
+        raise InputError(f"{name} holds numbers beyond {LARGEST:g}, of which squares can't be computed")
 
 
 def converted(name: str, array: Array, dtype: type) -> Array:
     """Return ``array`` as ``dtype``, or raise `InputError` for numbers that it can't hold."""
     with np.errstate(over="ignore", invalid="ignore"):
-        made = array.astype(dtype, order="C", copy=False)
+        made: Array = array.astype(dtype, order="C", copy=False)
     if made is array:
         return array
     if np.dtype(dtype).kind in "iu" and array.dtype.kind in "iuf" and not np.array_equal(made, array):
@@ -167,7 +164,9 @@ def checked_finite(name: str, value: object) -> Array:
     if bad.any():
         rows = int(bad.reshape(len(bad), -1).any(axis=1).sum()) if array.ndim else 1
         raise InputError(f"{rows} of {len(array) if array.ndim else 1} {name} hold NaN or infinity; leave them out")
-    return converted(name, array, np.float64)
+    made = converted(name, array, np.float64)
+    refuse_huge(name, made)
+    return made
 
 
 def checked_vectors(name: str, value: object) -> Array:
@@ -186,6 +185,7 @@ def checked_vector(name: str, value: object, count: int = 3) -> Array:
     array = converted(name, real_array(name, value), np.float64)
     if array.size != count or not np.isfinite(array).all():
         raise InputError(f"{name} must be {_COUNTS.get(count, count)} finite numbers, not {shown(value)}")
+    refuse_huge(name, array)
     return array.reshape(-1)
 
 
@@ -230,6 +230,7 @@ def checked_rows(name: str, value: Array, dtype: type, count: int | None = None)
     if not finite.all():
         first = int(np.flatnonzero(~finite)[0])
         raise InputError(f"{name}: {(~finite).sum()} rows are not finite, the first is row {first}: {array[first]}")
+    refuse_huge(name, array)
     return array
 
 
@@ -239,11 +240,12 @@ def checked_faces(name: str, value: object, count: int) -> Array:
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"{name} must have shape (F, 3), not {array.shape}; polygons with more corners must be triangulated")
     if array.size and array.dtype.kind not in "iu":
-        raise InputError(f"{name} must be integers, not {array.dtype}")
+        raise InputError(f"{name} must hold integers, not {array.dtype}")
     if array.size and (array.min() < 0 or array.max() >= count):
         row = int(np.flatnonzero(((array < 0) | (array >= count)).any(axis=1))[0])
         raise InputError(
-            f"{name}: face {row} names vertices {array[row].tolist()}, but there are only {count} (0 to {count - 1})"
+            f"{name} name vertices that are not there: face {row} names vertices {array[row].tolist()}, but there are only "
+            f"{count} (0 to {count - 1})"
         )
     return np.ascontiguousarray(array, np.int32)
 
@@ -304,7 +306,7 @@ def checked_arguments(function: _Function) -> _Function:
     return cast("_Function", entered)
 
 
-def check_fields(record: Any, *, nan: bool = False, gaps: tuple[str, ...] = ()) -> None:
+def check_fields(record: Any, *, nan: bool = False) -> None:
     """Raise `InputError` unless the fields of a frozen dataclass are what their annotations say; arrays become plain ones.
 
     Parameters
@@ -312,9 +314,7 @@ def check_fields(record: Any, *, nan: bool = False, gaps: tuple[str, ...] = ()) 
     record : dataclass
         What is being made.
     nan : bool
-        Whether values may be NaN, as figures of a report are where they have no meaning.
-    gaps : tuple of str
-        Fields whose arrays hold NaN where there is nothing.
+        Whether values may be NaN, as figures of a report are where they have no meaning, or are looked at further on.
     """
     scope = inspect.getmodule(type(record)).__dict__
     for field in dataclasses.fields(record):
@@ -323,7 +323,7 @@ def check_fields(record: Any, *, nan: bool = False, gaps: tuple[str, ...] = ()) 
         if unset or (nan and field.type in ("float", "float | None") and isinstance(value, float) and value != value):
             continue
         made = _checked_by(field.name, value, str(field.type), scope)
-        if not nan and field.name not in gaps and isinstance(made, np.ndarray) and made.dtype.kind == "f" and np.isnan(made).any():
+        if not nan and isinstance(made, np.ndarray) and made.dtype.kind == "f" and np.isnan(made).any():
             raise InputError(f"{field.name} holds NaN, {int(np.isnan(made).sum())} of {made.size} values")
         object.__setattr__(record, field.name, made)
 
@@ -374,8 +374,8 @@ def _checked_by(name: str, value: object, annotation: str, scope: Mapping[str, o
             return _checked_kind(name, value, kind, scope)
         except InputError as problem:
             problems.append(problem)
-    if len(kinds) == 1:
-        raise problems[0]
+    if len(kinds) == 1 or (_number(value) is not None and "float" in kinds):
+        raise problems[kinds.index("float") if "float" in kinds else 0]
     raise InputError(f"{name} must be {' or '.join(_words(kind) for kind in kinds)}, not {shown(value)}")
 
 
@@ -393,6 +393,11 @@ def _checked_kind(name: str, value: object, kind: str, scope: Mapping[str, objec
         named = {_checked_by(f"{name}: a key", key, of_key, scope): one for key, one in value.items()}
         return {key: _checked_by(f"{name}[{shown(key)}]", one, of_value, scope) for key, one in named.items()}
     known = scope.get(kind)
+    if getattr(known, "_is_protocol", False):
+        lacking = [method for method in vars(known) if not method.startswith("_") and not hasattr(value, method)]
+        if lacking or isinstance(value, type):
+            raise InputError(_another(name, kind, value))
+        return value
     if isinstance(known, type):
         return checked_instance(name, value, known)
     # A class that is imported for its annotation only is known by its name; an alias of an annotation says nothing.
@@ -419,7 +424,12 @@ def _checked_several(name: str, value: object, outer: str, kinds: tuple[str, ...
     each = kinds[:1] * len(items) if outer != "tuple" or kinds[-1] == "..." else kinds
     if len(items) != len(each):
         raise InputError(f"{name} must be {_words(kind)}, not {len(items)} values: {shown(value)}")
-    made = [_checked_by(f"{name}[{i}]", one, wanted, scope) for i, (one, wanted) in enumerate(zip(items, each, strict=True))]
+    try:
+        made = [_checked_by(f"{name}[{i}]", one, wanted, scope) for i, (one, wanted) in enumerate(zip(items, each, strict=True))]
+    except InputError as problem:
+        if outer != "tuple" or kinds[-1] == "...":
+            raise
+        raise InputError(f"{name} must be {_words(kind)}, not {shown(value)}") from problem
     return tuple(made) if outer == "tuple" else made
 
 
@@ -433,7 +443,7 @@ def _words(kind: str) -> str:
         return f"a sequence, each item {_words(kinds[0])}"
     if outer in ("Mapping", "dict"):
         return "a dict"
-    return _NAMES.get(kind, f"a {kind}")
+    return _NAMES.get(kind, kind)
 
 
 def _checked_whole(name: str, value: object) -> int:
@@ -450,8 +460,8 @@ def _checked_real(name: str, value: object) -> Any:
     if number is None or number != number:
         raise InputError(f"{name} must be a number, not {shown(value)}")
     if LARGEST < abs(number) < np.inf or (number == np.inf and isinstance(value, int)):
-        raise InputError(f"{name} must be a number up to {LARGEST:g}, not {shown(value)}; give a smaller {name}")
-    return value if isinstance(value, int | float | np.number) else number
+        raise InputError(f"{name} must be a number of no more than {LARGEST:g}, not {shown(value)}; give a smaller {name}")
+    return value if isinstance(value, int | float) else number
 
 
 def _checked_text(name: str, value: object) -> str:

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.geometry.point_set import GeometryTexture, PointSet, checked_points
@@ -77,6 +78,9 @@ class GeometryReport:
     step_high: float
     moved: float
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
+
     def lines(self) -> list[str]:
         """Return the measures as lines of text.
 
@@ -107,6 +111,7 @@ class GeometryReport:
         return lines
 
 
+@checked_arguments
 def assess_geometry(points: PointSet, texture: GeometryTexture, *, device: str | None = None) -> GeometryReport:
     """Measure an extended geometry texture against its swatch.
 

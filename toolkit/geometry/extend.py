@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_count, checked_flag, checked_number
+from intaglio.checks import checked_arguments, checked_count, checked_flag, checked_number
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.geometry.buckets import wrap
@@ -24,6 +24,7 @@ _MOST_NODES = 50_000_000
 _LEAST_PATCH = 6
 
 
+@checked_arguments
 def extend_geometry(
     texture: GeometryTexture,
     size: float | tuple[float, float],
@@ -168,7 +169,7 @@ def extend_geometry(
     margin = max(extra, 2 * swatch.support)
     if tileable and (wanted < sides + 2 * (extra + margin)).any():
         raise InputError(
-            f"size {_sides(wanted)} is too small to close on itself with patches of {_sides(sides)}: at least "
+            f"size {_sides(wanted)} is too small to close on itself (tileable) with patches of {_sides(sides)}: at least "
             f"{_sides(sides + 2 * (extra + margin))} is needed"
         )
     layout = lay_out(wanted, sides, overlap, extra, margin, tileable=tileable)

@@ -117,7 +117,7 @@ def _ramp(distance: Array, width: float) -> Array:
     """Return 1 at distance 0 falling smoothly to 0 at ``width``; 0 where there is no width."""
     if width <= 0:
         return np.zeros_like(distance)
-    t = np.clip(1 - distance / width, 0, 1)
+    t = np.clip(1 - np.clip(distance, -width, width) / width, 0, 1)
     return t * t * (3 - 2 * t)
 
 

@@ -9,7 +9,7 @@ from scipy import ndimage
 from skimage.measure import marching_cubes
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_positive
+from intaglio.checks import checked_arguments, checked_positive
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.geometry.point_set import PointSet, axis_number, checked_points, plane_axes
@@ -31,6 +31,7 @@ _SMALLEST = 20
 _AT_ONCE = 2_000_000
 
 
+@checked_arguments
 def mesh_geometry(
     points: PointSet, cell: float | None = None, *, closed: bool = False, axis: int | str | None = 2, device: str | None = None
 ) -> Surface:
@@ -95,8 +96,10 @@ def mesh_geometry(
         warnings.warn(
             f"cell {side:.4g} is more than {_COARSE:g} distances of samples ({spacing:.4g}): what is thinner than a cell is lost",
             IntaglioWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
+    if float(np.prod(np.ptp(points.points, axis=0) / side + 1)) > _MOST_NODES:
+        raise InputError(f"cell {side:.4g} makes a grid of more than {_MOST_NODES:.3g} nodes; give a larger one, or a part")
     band = max(_BAND, int(np.ceil(_COVER * spacing / side)))
     low, high = points.points.min(axis=0), points.points.max(axis=0)
     plane = [] if axis is None else list(plane_axes(axis))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_count, checked_flag, checked_number
+from intaglio.checks import check_fields, checked_count, checked_flag, checked_number, shown
 from intaglio.errors import InputError
 from intaglio.geometry.normals import is_height_field
 from intaglio.geometry.point_set import GeometryTexture
@@ -63,6 +63,9 @@ class PairingWeights:
     most_distance: float = 0.12
     most_angle: float = 60.0
     most_variation: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 # Duranleau & Poulin, table 1.
@@ -129,6 +132,7 @@ class PatchFit:
         object.__setattr__(self, "smoothing", checked_number("smoothing", self.smoothing, 1e-9, 1e3))
         object.__setattr__(self, "warp", checked_flag("warp", self.warp))
         object.__setattr__(self, "blend", checked_flag("blend", self.blend))
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,7 @@ def checked_weights(name: str, value: PairingWeights | str) -> PairingWeights | 
     if isinstance(value, str) and value == "auto":
         return None
     if not isinstance(value, str) or value not in PRESETS:
-        raise InputError(f"{name} {value!r} are not known; choose auto, {', '.join(PRESETS)}, or give PairingWeights")
+        raise InputError(f"{name} {shown(value)} are not known; choose auto, {', '.join(PRESETS)}, or give PairingWeights")
     return PRESETS[value]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_finite, checked_vectors
+from intaglio.checks import check_fields, checked_arguments, checked_finite, checked_positive, checked_shape, checked_vectors
 from intaglio.errors import InputError
 
 
@@ -61,6 +61,7 @@ class PointSet:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check_fields(self, nan=True)
         points, normals = checked_vectors("points", self.points), checked_vectors("normals", self.normals)
         if normals.shape != points.shape:
             raise InputError(f"normals must be {points.shape} as points are, not {np.shape(self.normals)}")
@@ -82,6 +83,7 @@ class PointSet:
     def __len__(self) -> int:
         return len(self.points)
 
+    @checked_arguments
     def part(self, chosen: Array) -> PointSet:
         """Return some of the points, with their normals and provenance.
 
@@ -103,15 +105,24 @@ class PointSet:
         >>> points.part(points.points[:, 0] > 0.5).points
         array([[1., 0., 0.]])
         """
+        count = len(self)
+        if chosen.dtype == bool and chosen.shape != (count,):
+            raise InputError(f"chosen must be a mask of shape ({count},), not {chosen.shape}")
+        if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "biu"):
+            raise InputError(f"chosen must be a mask or numbers of points, not {chosen.dtype} {chosen.shape}")
+        if chosen.dtype != bool and chosen.size and not -count <= chosen.min() <= chosen.max() < count:
+            raise InputError(f"chosen must hold numbers of points from 0 to {count - 1}, not {chosen.min()} to {chosen.max()}")
+        which = chosen if chosen.dtype == bool else chosen.astype(np.int64)
         return replace(
             self,
             **{
-                name: value[chosen]
+                name: value[which]
                 for name in ("points", "normals", "color", "source", "moved", "patch")
                 if (value := getattr(self, name)) is not None
             },
         )
 
+    @checked_arguments
     def write(self, path: PathLike) -> None:
         """Write the points to a file; PLY keeps their provenance.
 
@@ -210,6 +221,18 @@ class GeometryTexture:
     axis: int
     spacing: float
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        bounds = checked_shape("bounds", self.bounds, np.float64, (2, 3), finite=True)
+        if not (bounds[0] <= bounds[1]).all():
+            raise InputError(f"bounds must be a least and a greatest corner, not {bounds.tolist()}")
+        for name, value in (
+            ("bounds", bounds),
+            ("axis", axis_number(self.axis)),
+            ("spacing", checked_positive("spacing", self.spacing)),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def plane_axes(self) -> tuple[int, int]:

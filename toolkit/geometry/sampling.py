@@ -107,9 +107,9 @@ def sample_triangles(vertices: Array, faces: Array, spacing: float | None, seed:
     area = 0.5 * np.linalg.norm(cross, axis=1)
     total = float(area.sum())
     if not total > 0:
-        raise InputError("the mesh has no area")
+        raise InputError("the mesh has no area: vertices and faces (or pixel) make no triangle that has one")
     spacing = np.sqrt(total / _USUAL) if spacing is None else spacing
-    count = total / spacing**2
+    count = total / max(spacing**2, 1e-300)
     if count > _MOST:
         raise InputError(
             f"spacing {spacing:g} asks for {count:.3g} samples of the mesh, at most {_MOST / 1e6:g} million; give a larger one"

@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_arguments, checked_count, checked_finite, checked_number, checked_positive, checked_vectors
+from intaglio.checks import (
+    checked_arguments,
+    checked_count,
+    checked_faces,
+    checked_finite,
+    checked_number,
+    checked_positive,
+    checked_vectors,
+)
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.geometry.options import checked_pair
@@ -97,20 +105,19 @@ def wrap_geometry(
     turns = [checked_count("repeat", r, 1, 1000) for r in repeat]
     checked_points("points", points)
     axis = axis_number(axis)
-    corners, triangles = checked_vectors("vertices", vertices), np.asarray(faces)
-    if triangles.dtype.kind not in "iu":
-        raise InputError(f"faces must hold vertex numbers, not {triangles.dtype}")
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
-        raise InputError(f"faces must be an (F, 3) array, not {triangles.shape}")
-    if triangles.min() < 0 or triangles.max() >= len(corners):
-        raise InputError(f"faces name vertices {triangles.min()} to {triangles.max()}; there are {len(corners)}")
+    corners = checked_vectors("vertices", vertices)
+    triangles = checked_faces("faces", faces, len(corners))
+    if not len(triangles):
+        raise InputError("faces must be an (F, 3) array of at least one triangle")
     at_corners = _per_corner(uv, triangles, len(corners))
     flat = at_corners[:, 1:] - at_corners[:, :1]
     area = np.abs(flat[:, 0, 0] * flat[:, 1, 1] - flat[:, 0, 1] * flat[:, 1, 0]) / 2
     edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
     solid = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     if not area.sum() > 0 or not solid.sum() > 0:
-        raise InputError(f"the {'texture coordinates have' if solid.sum() > 0 else 'mesh has'} no area")
+        raise InputError(
+            "uv has no area" if solid.sum() > 0 else "the mesh has no area: vertices and faces make no triangle with one"
+        )
     laid = sides * turns
     # Lengths on the mesh for a length of the texture, triangle by triangle.
     scale = np.sqrt(solid / np.maximum(area * laid[0] * laid[1], 1e-300))[area > 0]
@@ -142,7 +149,9 @@ def wrap_geometry(
     note = f"a length of 1 in the texture is {mean:.4g} on the mesh on average, from {low:.4g} to {high:.4g}"
     whole = _join_parts(parts)
     if not len(whole):
-        raise InputError("no point lies over a triangle: the texture coordinates lie outside of 0 to 1")
+        raise InputError(
+            "no point lies over a triangle: uv, the texture coordinates, lie outside of 0 to 1, or size is out of proportion"
+        )
     return replace(whole, notes=(*points.notes, note))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_arguments, checked_numeric, checked_positive, checked_vectors
+from intaglio.checks import checked_arguments, checked_numeric, checked_positive, checked_vectors, refuse_huge
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.geometry.normals import estimate_normals, mend_sides
 from intaglio.geometry.point_set import GeometryTexture, PointSet, axis_number, plane_axes
@@ -281,6 +281,7 @@ def geometry_from_height(
         raise InputError(f"height must be an (H, W) array of at least 6 x 6, not {heights.shape}")
     if not np.isfinite(heights).all():
         raise InputError(f"height has {int((~np.isfinite(heights)).sum())} values that are not finite; fill or crop them")
+    refuse_huge("height", heights)
     side = checked_positive("pixel", pixel)
     rows, columns = heights.shape
     x, y = np.meshgrid((np.arange(columns) + 0.5) * side, (rows - 0.5 - np.arange(rows)) * side)

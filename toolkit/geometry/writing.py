@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_arguments
 from intaglio.errors import FileError, InputError
 from intaglio.files import whole_file
 from intaglio.mesh import color_fields, ply_table
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 POINT_SUFFIXES = (".ply", ".xyz", ".obj")
 
 
+@checked_arguments
 def write_points(points: PointSet, path: PathLike) -> None:
     """Write points with normals to a file.
 

@@ -14,6 +14,7 @@ from intaglio.checks import (
     checked_rows,
     checked_shape,
     checked_vector,
+    refuse_huge,
 )
 from intaglio.errors import InputError
 from intaglio.mesh.surface import Surface
@@ -81,6 +82,7 @@ def surface_from_range_image(
     index[valid] = np.arange(valid.sum())
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     vertices = points[valid]
+    refuse_huge("points", vertices)
     faces = _grid_faces(a, b, c, d, vertices)
     if len(faces) == 0:
         raise InputError("points have no three neighbours in the range image: no triangle can be made")

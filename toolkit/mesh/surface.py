@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import check_fields, checked_arguments, checked_faces, checked_numeric, checked_rows, checked_shape
+from intaglio.checks import check_fields, checked_arguments, checked_faces, checked_rows, checked_shape
 from intaglio.errors import InputError
 from intaglio.mesh.writing import write_surface
 
@@ -109,7 +109,7 @@ class Surface:
         def put(name: str, value: Array) -> None:
             object.__setattr__(self, name, value)
 
-        check_fields(self, gaps=("uv",))
+        check_fields(self, nan=True)
         vertices = checked_rows("vertices", self.vertices, np.float64)
         count = len(vertices)
         put("vertices", vertices)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array
-from intaglio.checks import checked_count, checked_finite, checked_mask
+from intaglio.checks import check_fields, checked_arguments, checked_count, checked_finite, checked_mask
 from intaglio.errors import InputError
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface
@@ -69,7 +69,11 @@ class ViewComparison:
     photograph: Array
     shown: Array
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
+
+@checked_arguments
 def border_step(texture: Texture) -> float:
     """Measure how visible the borders between photographs are in a texture.
 
@@ -130,6 +134,7 @@ def border_step(texture: Texture) -> float:
     return float(np.concatenate(across).mean() / max(float(np.concatenate(along).mean()), 1e-12))
 
 
+@checked_arguments
 def compare_with_photograph(
     surface: Surface,
     uv: Parameterization,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intaglio.arrays import Array, Progress
+from intaglio.checks import check_fields, checked_arguments, checked_faces
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.kernels.pictures import Picture
@@ -80,6 +81,10 @@ class Binding:
     names: tuple[str, ...]
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @checked_arguments
     def common(self, faces: Array) -> Array:
         """Return which photographs are valid for all corners of each face.
 
@@ -106,9 +111,11 @@ class Binding:
         >>> binding.common(square.faces)
         array([[ True,  True]])
         """
+        faces = checked_faces("faces", faces, self.valid.shape[1])
         a, b, c = (self.valid[:, faces[:, k]] for k in range(3))
         return np.asarray(a & b & c)
 
+    @checked_arguments
     def triangle_class(self, faces: Array) -> Array:
         """Return the class of each face by the photographs of its corners.
 
@@ -140,10 +147,12 @@ class Binding:
         >>> binding.triangle_class(square.faces)
         array([1, 1], dtype=uint8)
         """
+        faces = checked_faces("faces", faces, self.valid.shape[1])
         bound = np.asarray(self.valid.any(axis=0))[faces].all(axis=1)
         return np.where(self.common(faces).any(axis=0), 1, np.where(bound, 2, 3)).astype(np.uint8)
 
 
+@checked_arguments
 def bind_photographs(
     surface: Surface,
     photographs: Sequence[Photograph],
@@ -267,7 +276,7 @@ def bind_photographs(
             warnings.warn(
                 f"{photograph.name}: shows nothing of the mesh (does its camera look away? is all background?); it is left out",
                 IntaglioWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
             notes.append(f"{photograph.name}: shows nothing of the mesh, left out")
         else:
@@ -280,7 +289,8 @@ def bind_photographs(
     if not valid.any():
         raise InputError(
             f"none of the {len(photographs)} photographs shows any of the mesh: are cameras and mesh in the same coordinates? "
-            "If they are, everything seen counted as background (background=None, --background none compares nothing)"
+            "If they are, everything seen counted as background (background=None, --background none compares nothing), or as "
+            f"seen at more than grazing={grazing:g} degrees"
         )
     return Binding(valid, cosine, pixel, color, tuple(p.name for p in photographs), tuple(notes))
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_choice, checked_size
+from intaglio.checks import checked_arguments, checked_choice, checked_size
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pictures import Picture
@@ -32,6 +32,7 @@ _MOST_TEXELS = 16384
 _NAMED = 4
 
 
+@checked_arguments
 def combine_photographs(
     surface: Surface,
     uv: Parameterization | Array,

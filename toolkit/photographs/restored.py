@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from intaglio.arrays import Progress
+from intaglio.checks import checked_arguments
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pull_push import continue_image
@@ -15,6 +16,7 @@ from intaglio.photographs.texture import Texture, checked_texture
 from intaglio.restoration import restore
 
 
+@checked_arguments
 def restore_texture(
     texture: Texture,
     method: str = "split",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields
 from intaglio.errors import InputError
 from intaglio.mesh import Surface
 from intaglio.parameterization import Parameterization
@@ -64,6 +65,9 @@ class Texture:
     names: tuple[str, ...]
     gains: Array
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def inside(self) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_arguments
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_writable, whole_file
 from intaglio.kernels.transfer import encode_srgb
@@ -24,6 +25,7 @@ TEXTURED_SUFFIXES = (".glb", ".gltf", ".obj")
 OUTSIDE, MADE_UP = 0, 1
 
 
+@checked_arguments
 def write_textured(surface: Surface, uv: Parameterization, texture: Texture, path: PathLike) -> list[Path]:
     """Write a surface with its texture, and a picture that says which texels come from which photograph.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array, Progress
+from intaglio.checks import check_fields, checked_arguments
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.lighting import weighted_sums
@@ -64,7 +65,11 @@ class RepresentationReport:
     per_image: Array
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
+
+@checked_arguments
 def assess_representation(
     stack: PhotometricStack,
     kind: str,

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import fft
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments, checked_number, checked_numeric, refuse_huge, shown
 from intaglio.errors import InputError
 
 
@@ -47,6 +48,9 @@ class Integrability:
     residual: float
     p: Array
     q: Array
+
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
 
 def height_from_gradients(p: Array, q: Array, *, method: str = "fourier") -> Array:
@@ -94,10 +98,12 @@ def height_from_gradients(p: Array, q: Array, *, method: str = "fourier") -> Arr
     True
     """
     p, q = _checked(p, q)
+    if not isinstance(method, str):
+        raise InputError(f"method must be text, not {shown(method)}")
     if method == "cosine":
         return _by_cosines(p, q)
     if method != "fourier":
-        raise InputError(f"integration {method!r} is not known; known: fourier, cosine")
+        raise InputError(f"method of integration {shown(method)} is not known; known: fourier, cosine")
     u, v = _frequencies(p.shape)
     squared = u * u + v * v
     squared[squared == 0] = 1
@@ -108,6 +114,7 @@ def height_from_gradients(p: Array, q: Array, *, method: str = "fourier") -> Arr
     return np.asarray(fft.irfft2(spectrum, s=p.shape) + plane - plane.mean())
 
 
+@checked_arguments
 def gradients_from_height(z: Array, *, method: str = "fourier", slope: tuple[float, float] | None = None) -> tuple[Array, Array]:
     """Differentiate a height map.
 
@@ -153,18 +160,19 @@ def gradients_from_height(z: Array, *, method: str = "fourier", slope: tuple[flo
     >>> print(p[0], q[0])
     [0.5 0.5 0.5 0.5] [0.25 0.25 0.25 0.25]
     """
-    try:
-        z = np.asarray(z, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"the height map is not an array of numbers ({error})") from error
-    _checked(z, z)
+    z = checked_numeric("z", z, np.float64)
+    if z.ndim != 2 or z.size == 0 or not np.isfinite(z).all():
+        raise InputError(f"z must be a height map of finite values, (H, W), not {z.shape}")
+    refuse_huge("z", z)
+    if slope is not None:
+        slope = (checked_number("slope", slope[0], -np.inf), checked_number("slope", slope[1], -np.inf))
     if method == "forward":
         p = np.diff(z, axis=1, append=z[:, -1:])
         q = -np.diff(z, axis=0, prepend=z[:1])
         p[:, -1:], q[:1] = p[:, -2:-1] if z.shape[1] > 1 else 0, q[1:2] if z.shape[0] > 1 else 0
         return p, q
     if method != "fourier":
-        raise InputError(f"differentiation {method!r} is not known; known: fourier, forward")
+        raise InputError(f"method of differentiation {shown(method)} is not known; known: fourier, forward")
     x, y = _coordinates(z.shape)
     if slope is None:
         slope = (x * z).sum() / max((x * x).sum(), 1e-300), (y * z).sum() / max((y * y).sum(), 1e-300)
@@ -262,11 +270,13 @@ def _by_cosines(p: Array, q: Array) -> Array:
 
 def _checked(p: Array, q: Array) -> tuple[Array, Array]:
     try:
-        p, q = np.asarray(p, np.float64), np.asarray(q, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"gradients are not arrays of numbers ({error})") from error
+        p, q = checked_numeric("p", p, np.float64), checked_numeric("q", q, np.float64)
+    except InputError as error:
+        raise InputError(f"gradients are not arrays of numbers: {error}") from error
     if p.ndim != 2 or p.size == 0 or p.shape != q.shape:
-        raise InputError(f"gradients must be two (H, W) images of one shape, not {p.shape} and {q.shape}")
-    if not (np.isfinite(p).all() and np.isfinite(q).all()):
-        raise InputError("gradients have values that are not finite (NaN or infinite)")
+        raise InputError(f"gradients p and q must be two (H, W) images of one shape, not {p.shape} and {q.shape}")
+    for name, values in (("p", p), ("q", q)):
+        if not np.isfinite(values).all():
+            raise InputError(f"gradients {name} have values that are not finite (NaN or infinite)")
+        refuse_huge(name, values)
     return p, q

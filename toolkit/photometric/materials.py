@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_arguments
 from intaglio.errors import FileError
 from intaglio.files import check_folder, check_writable, whole_file, whole_folder, write_exr, write_image
 from intaglio.kernels.transfer import encode_srgb
@@ -17,6 +18,7 @@ from intaglio.photometric.relightable import Relightable
 MAP_NAMES = ("normal.png", "albedo.png", "height.png", "maps.exr")
 
 
+@checked_arguments
 def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: str = "cosine") -> Array:
     """Return the height map of a texture: its own for kind "height", else integrated from its normals.
 
@@ -60,6 +62,7 @@ def height_of(texture: Relightable, maps: SurfaceMaps | None = None, *, method: 
     return height_from_gradients(*maps.gradients(), method=method).astype(np.float32)
 
 
+@checked_arguments
 def write_maps(texture: Relightable, folder: PathLike) -> list[Path]:
     """Write normal map, albedo and height of a texture, the maps of a matte material.
 
@@ -119,6 +122,7 @@ def write_maps(texture: Relightable, folder: PathLike) -> list[Path]:
     return [folder / name for name in MAP_NAMES]
 
 
+@checked_arguments
 def write_gltf(texture: Relightable, path: PathLike) -> None:
     """Write a matte glTF material, with albedo and normal map, on a plane.
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments, checked_numeric
 from intaglio.errors import FitError, InputError
 
 
@@ -45,7 +46,11 @@ class SphereLights:
     circle: tuple[float, float, float]
     highlights: Array
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
+
+@checked_arguments
 def lights_from_sphere(
     images: Sequence[Array], circle: tuple[float, float, float] | None = None, *, outline: Array | None = None
 ) -> SphereLights:
@@ -87,11 +92,11 @@ def lights_from_sphere(
     >>> print(tilt.round(1), slant.round(1))
     [0.] [41.8]
     """
-    gray = [_gray(image) for image in images]
+    gray = [_gray(f"images[{i}]", image) for i, image in enumerate(images)]
     if not gray or any(g.shape != gray[0].shape for g in gray):
-        raise InputError("there must be at least one picture of the sphere, and all must be of one size")
+        raise InputError("images must be at least one picture of the sphere, and all of one size")
     if circle is None:
-        circle = fit_circle(np.mean(gray, axis=0) if outline is None else _gray(outline))
+        circle = fit_circle(np.mean(gray, axis=0) if outline is None else _gray("outline", outline))
     try:
         cx, cy, radius = (float(v) for v in circle)
     except (TypeError, ValueError) as error:
@@ -111,6 +116,7 @@ def lights_from_sphere(
     return SphereLights(lights / np.linalg.norm(lights, axis=1, keepdims=True), circle, highlights)
 
 
+@checked_arguments
 def fit_circle(image: Array) -> tuple[float, float, float]:
     """Find the outline of a sphere that fills a good part of a picture: the circle with edges along most of it.
 
@@ -155,10 +161,10 @@ def fit_circle(image: Array) -> tuple[float, float, float]:
     """
     from skimage.feature import canny
 
-    gray = _gray(image)
+    gray = _gray("image", image)
     if min(gray.shape) < 16:
         raise FitError(
-            f"a picture of {gray.shape[1]} x {gray.shape[0]} pixels is too small to find a sphere in; 16 x 16 is least"
+            f"the image of {gray.shape[1]} x {gray.shape[0]} pixels is too small to find a sphere's outline in; 16 x 16 is least"
         )
     step = max(1, round(max(gray.shape) / 400))
     small = ndimage.uniform_filter(gray, step)[::step, ::step]
@@ -180,7 +186,7 @@ def fit_circle(image: Array) -> tuple[float, float, float]:
             if covered > support:
                 best, support = near, covered
     if best is None or support < 0.25:
-        raise FitError("no circle was found in the sphere's picture; give its centre and radius in pixels")
+        raise FitError("no circle was found in the sphere's image or outline; give its centre and radius in pixels")
     for _ in range(3):
         x, y, r = _circle_of(points[best])
         best = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - r) < 1.5
@@ -204,13 +210,15 @@ def _highlight(gray: Array, inside: Array, radius: float, k: int) -> Array:
     smooth = np.where(inside, ndimage.gaussian_filter(gray, max(0.5, radius / 100)), 0.0)
     peak = smooth.max()
     if not peak > 0 or peak < 2 * np.median(smooth[inside]):
-        raise InputError(f"picture {k} of the sphere shows no highlight brighter than the rest")
+        raise InputError(f"images[{k}] of the sphere shows no highlight inside the circle brighter than the rest")
     labels, count = ndimage.label(smooth > 0.95 * peak)
     sizes = ndimage.sum_labels(smooth, labels, np.arange(1, count + 1))
     row, column = ndimage.center_of_mass(smooth, labels, 1 + int(np.argmax(sizes)))
     return np.array([column, row])
 
 
-def _gray(image: Array) -> Array:
-    values = np.asarray(image, np.float64)
+def _gray(name: str, image: Array) -> Array:
+    values = checked_numeric(name, image, np.float64)
+    if values.ndim not in (2, 3) or values.size == 0 or not np.isfinite(values).all():
+        raise InputError(f"{name} must be a picture of finite values, (H, W) or (H, W, C), not {values.shape}")
     return values if values.ndim == 2 else values[:, :, :3].mean(axis=2)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments
 from intaglio.photometric.bases import coefficients
 from intaglio.photometric.light_positions import spread_lights
 from intaglio.photometric.relightable import Relightable
@@ -57,6 +58,9 @@ class SurfaceMaps:
     q: Array
     valid: Array
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
+
     def gradients(self) -> tuple[Array, Array]:
         """Return the slopes, with 0 where no normal was found.
 
@@ -94,6 +98,7 @@ def scaled_normals(texture: Relightable) -> Array:
     return np.tensordot(to_normals.astype(np.float32), texture.color_maps(), axes=1)
 
 
+@checked_arguments
 def surface_maps(texture: Relightable) -> SurfaceMaps:
     """Compute normals, albedo and gradients of a texture of any kind.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments, checked_mask
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.lighting import weighted_sums
@@ -79,6 +80,7 @@ class Relightable:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check_fields(self, nan=True)
         if self.kind not in KINDS:
             raise InputError(f"kind {self.kind!r} is not known; known: {', '.join(KINDS)}")
         maps = np.ascontiguousarray(self.maps, np.float32)
@@ -92,12 +94,14 @@ class Relightable:
         object.__setattr__(self, "maps", maps)
         if self.chroma is not None and (maps.shape[3] != 1 or self.chroma.shape != (*maps.shape[1:3], 3)):
             raise InputError(f"chroma {self.chroma.shape} does not fit maps {maps.shape}: it is (H, W, 3), beside one channel")
-        for name in ("mask", "height", "confidence"):
+        if self.mask is not None:
+            object.__setattr__(self, "mask", checked_mask("mask", self.mask, maps.shape[1:3]))
+        for name in ("chroma", "height", "confidence"):
             plane = getattr(self, name)
-            if plane is not None and not isinstance(plane, np.ndarray):
-                raise InputError(f"{name} must be an array (H, W), not {type(plane).__name__}")
-            if plane is not None and plane.shape != maps.shape[1:3]:
+            if plane is not None and name != "chroma" and plane.shape != maps.shape[1:3]:
                 raise InputError(f"{name} is {plane.shape}, the maps are {maps.shape[1:3]}")
+            if plane is not None and not np.isfinite(plane).all():
+                raise InputError(f"{name} has values that are not finite (NaN or infinite)")
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -119,6 +123,7 @@ class Relightable:
         """
         return self.maps.shape[1], self.maps.shape[2], 3 if self.chroma is not None else self.maps.shape[3]
 
+    @checked_arguments
     def coefficients(self, light: Array) -> Array:
         """Return the weights of the maps under one light, or under many.
 
@@ -148,10 +153,13 @@ class Relightable:
         >>> intaglio.represent(stack, "gradient", device="cpu").coefficients([0, 3, 4])
         array([0. , 0.6, 0.8])
         """
+        if light.ndim not in (1, 2) or light.shape[-1] != 3 or not light.size:
+            raise InputError(f"light must be a vector x, y, z or (L, 3) of them, not {light.shape}")
         lights = checked_lights(light)
         found = coefficients(self.basis, lights)
         return found if np.ndim(light) == 2 else found[0]
 
+    @checked_arguments
     def relight(self, light: Array, *, clip: bool = True, device: str | None = None) -> Array:
         """Return the image under one light, or under many.
 

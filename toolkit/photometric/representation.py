@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from intaglio.arrays import Array, Progress
+from intaglio.checks import checked_arguments
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError, IntaglioWarning
 from intaglio.kernels.lighting import products, robust_normals, weighted_sums
@@ -31,6 +32,7 @@ BRIGHT_SHARE = 0.4
 STEPS = 6
 
 
+@checked_arguments
 def represent(
     stack: PhotometricStack,
     kind: str = "rbf",

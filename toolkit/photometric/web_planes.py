@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import checked_arguments, checked_count
 from intaglio.errors import FileError
 from intaglio.files import whole_folder
 from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
@@ -28,6 +29,7 @@ NODES = 420
 TILE = 256
 
 
+@checked_arguments
 def write_web_planes(texture: Relightable, path: PathLike, *, tiles: bool = False, quality: int = 95) -> list[Path]:
     """Write a texture for web viewers of RTI files, such as relight and OpenLIME.
 
@@ -77,6 +79,7 @@ def write_web_planes(texture: Relightable, path: PathLike, *, tiles: bool = Fals
     >>> [path.name for path in paths]
     ['materials.bin', 'plane_0.jpg', 'info.json']
     """
+    quality = checked_count("quality", quality, 1, 95)
     path = Path(path)
     if path.suffix.lower() != ".json":
         raise FileError(f"{path}: web planes are written as .json; viewers expect the name info.json")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from intaglio.arrays import PathLike
+from intaglio.checks import checked_arguments
 from intaglio.errors import FileError
 from intaglio.files import check_readable
 from intaglio.photometric.exr_file import read_relightable_exr, write_relightable_exr
@@ -15,6 +16,7 @@ from intaglio.photometric.relightable import Relightable
 from intaglio.photometric.web_planes import write_web_planes
 
 
+@checked_arguments
 def write_relightable(texture: Relightable, path: PathLike) -> None:
     """Write a texture to a file.
 
@@ -56,6 +58,7 @@ def write_relightable(texture: Relightable, path: PathLike) -> None:
     writer(texture, path)
 
 
+@checked_arguments
 def read_relightable(path: PathLike) -> Relightable:
     """Read a relightable texture from a file.
 

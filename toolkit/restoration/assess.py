@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments, refuse_huge
 from intaglio.errors import InputError
 
 # Detail is what a Gaussian of this standard deviation, in pixels, removes.
@@ -55,6 +56,9 @@ class RestorationReport:
     truth_energy: float | None = None
     truth_seam: float | None = None
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
+
     def lines(self) -> list[str]:
         """Return the figures as lines of text.
 
@@ -86,6 +90,7 @@ def _of_truth(value: float | None) -> str:
     return "" if value is None else f" (the truth has {value:.3f})"
 
 
+@checked_arguments
 def assess_restoration(image: Array, missing: Array, truth: Array | None = None) -> RestorationReport:
     """Measure how well the restored part of an image fits its known part, and how near it is to the truth.
 
@@ -121,29 +126,29 @@ def assess_restoration(image: Array, missing: Array, truth: Array | None = None)
     >>> report.psnr, report.energy == report.truth_energy
     (120.0, True)
     """
-    values = _planes(image)
-    hole = np.asarray(missing)
+    values = _planes("image", image)
+    hole = missing
     if hole.shape != values.shape[:2] or hole.dtype != bool:
         raise InputError(f"missing must be bool of shape {values.shape[:2]}, not {hole.dtype} {hole.shape}")
     if not hole.any() or hole.all():
         raise InputError("missing must cover part of the image, not none or all of it")
-    if not np.isfinite(values).all():
-        raise InputError("the image has values that are not finite")
     energy, seam = _figures(values, hole)
     if truth is None:
         return RestorationReport(energy, seam)
-    wanted = _planes(truth)
+    wanted = _planes("truth", truth)
     if wanted.shape != values.shape:
         raise InputError(f"truth must have the image's shape {values.shape}, not {wanted.shape}")
     error = float(np.mean((values[hole] - wanted[hole]) ** 2))
     return RestorationReport(energy, seam, float(-10 * np.log10(max(error, 1e-12))), *_figures(wanted, hole))
 
 
-def _planes(image: Array) -> Array:
+def _planes(name: str, array: Array) -> Array:
     """Return (H, W, C) in [0, 1] of integers, floats as they are."""
-    array = np.asarray(image)
-    if array.dtype.kind not in "fiu" or array.ndim not in (2, 3):
-        raise InputError(f"an image is (H, W) or (H, W, C) of real numbers, not {array.dtype} {array.shape}")
+    if array.dtype.kind not in "fiu" or array.ndim not in (2, 3) or array.size == 0:
+        raise InputError(f"{name} must be (H, W) or (H, W, C) of real numbers, not {array.dtype} {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} has values that are not finite")
+    refuse_huge(name, array)
     scale = np.iinfo(array.dtype).max if array.dtype.kind in "iu" else 1
     values = array.astype(np.float64) / scale
     return values[:, :, None] if values.ndim == 2 else values

@@ -8,7 +8,15 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array, Progress
-from intaglio.checks import checked_choice, checked_count, checked_mask, checked_number
+from intaglio.checks import (
+    check_fields,
+    checked_arguments,
+    checked_choice,
+    checked_count,
+    checked_mask,
+    checked_number,
+    checked_shape,
+)
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.kernels.pull_push import continue_image
@@ -71,7 +79,19 @@ class Restoration:
     kappa: int
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.image.ndim not in (2, 3):
+            raise InputError(f"image must be (H, W) or (H, W, C), not {self.image.shape}")
+        shape = self.image.shape[:2]
+        for name, value in (
+            ("missing", checked_mask("missing", self.missing, shape)),
+            ("source", checked_shape("source", self.source, np.int32, (*shape, 2))),
+        ):
+            object.__setattr__(self, name, value)
 
+
+@checked_arguments
 def restore(
     image: Array,
     missing: Array,

@@ -9,13 +9,14 @@ import numpy as np
 from scipy import fft, ndimage
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments
 from intaglio.errors import InputError
 from intaglio.photometric import Relightable
 from intaglio.randomness import Stream, uniform
 from intaglio.statistics import earth_movers_distance
 from intaglio.synthesis.nearest import NearestWindows, rms_difference
 from intaglio.synthesis.result import Synthesis, pixel_positions
-from intaglio.synthesis.sample import prepare_sample, window_starts
+from intaglio.synthesis.sample import prepare_sample, stack_maps, window_starts
 
 # The most windows whose nearest ones are searched for, and the most values of those they are searched among.
 _QUERIES = 2000
@@ -110,6 +111,9 @@ class SynthesisReport:
     repetition: float
     relit: dict[str, Likeness]
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
+
     def lines(self) -> list[str]:
         """Return the figures as lines of text.
 
@@ -146,6 +150,7 @@ def _likeness_line(name: str, found: Likeness) -> str:
     )
 
 
+@checked_arguments
 def assess_synthesis(
     sample: Any, result: Synthesis, *, mask: Array | None = None, lights: dict[str, Array] | None = None
 ) -> SynthesisReport:
@@ -183,6 +188,8 @@ def assess_synthesis(
     >>> report.likeness.joint < 1, report.copy_side > 1
     (True, True)
     """
+    if not isinstance(sample, Relightable):
+        sample = stack_maps(sample, "sample")
     prepared = prepare_sample(sample, mask=mask)
     source = result.source
     if source.min() < 0 or (source.reshape(-1, 2).max(axis=0) >= prepared.usable.shape).any():

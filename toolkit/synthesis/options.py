@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from intaglio.checks import checked_choice, checked_count, checked_number
+from intaglio.checks import check_fields, checked_choice, checked_count, checked_number, shown
 from intaglio.errors import InputError
 
 CUTS = ("path", "graph", "none")
@@ -82,9 +82,10 @@ class QuiltOptions:
         checked_choice("continuation", self.continuation, CONTINUATIONS)
         automatic = isinstance(self.block, str) and self.block == "auto"
         if not automatic and (not _is_whole(self.block) or int(self.block) < 2):
-            raise InputError(f'block must be a whole number of at least 2, or "auto", not {self.block!r}')
+            raise InputError(f'block must be a whole number of at least 2, or "auto", not {shown(self.block)}')
         if self.overlap is not None and (not _is_whole(self.overlap) or self.overlap < 1):
-            raise InputError(f"overlap must be a whole number from 1 to block - 1, not {self.overlap!r}")
+            raise InputError(f"overlap must be a whole number from 1 to block - 1, not {shown(self.overlap)}")
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,7 @@ class GrowOptions:
         object.__setattr__(self, "exhaustive", checked_number("exhaustive", self.exhaustive, 0, 1))
         if self.levels is not None:
             object.__setattr__(self, "levels", checked_count("levels", self.levels, 1, 12))
+        check_fields(self)
 
 
 def _is_whole(value: object) -> bool:

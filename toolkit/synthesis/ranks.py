@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
+from intaglio.checks import check_fields, checked_arguments, checked_numeric
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
 
@@ -47,6 +48,9 @@ class Friedman:
     statistic: float
     pvalue: float
     mean_ranks: Array
+
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,11 @@ class MultipleComparison:
     different: Array
     mean_ranks: Array
 
+    def __post_init__(self) -> None:
+        check_fields(self, nan=True)
 
+
+@checked_arguments
 def friedman(ranks: Any) -> Friedman:
     """Test whether methods that were ranked differ at all, by Friedman's analysis of variance.
 
@@ -137,6 +145,7 @@ def friedman(ranks: Any) -> Friedman:
     return Friedman(float(found.statistic), float(found.pvalue), table.mean(axis=0))
 
 
+@checked_arguments
 def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
     """Find which of several ranked methods differ, with a bound on the probability of any false difference.
 
@@ -206,6 +215,7 @@ def multiple_comparison(ranks: Any, alpha: float = 0.01) -> MultipleComparison:
     return MultipleComparison(float(critical), tuple(groups), different, mean)
 
 
+@checked_arguments
 def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | None = None) -> tuple[list[str], Array]:
     r"""Read ranks from one or more tables.
 
@@ -251,8 +261,8 @@ def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | No
 
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     if not given:
-        raise InputError("give at least one table of ranks")
-    names = list(methods) if methods is not None else None
+        raise InputError("paths name no table of ranks; give at least one")
+    names = None if methods is None else [methods] if isinstance(methods, str) else list(methods)
     rows: list[list[float]] = []
     for path in map(check_readable, given):
         columns, ranks = _read_table(path)
@@ -261,7 +271,8 @@ def read_ranks(paths: PathLike | Sequence[PathLike], methods: Sequence[str] | No
         missing = [name for name in names if name not in columns]
         if missing or (methods is None and len(columns) != len(names)):
             what = f"no column {', '.join(missing)}" if missing else f"more than {', '.join(names)}"
-            raise FileError(f"{path}: has {what}; its columns: {', '.join(columns)}")
+            asked = "" if methods is None else ", asked for by methods"
+            raise FileError(f"{path}: has {what}{asked}; its columns: {', '.join(columns)}")
         if len(set(names)) < len(names):
             raise InputError(f"a method is named twice: {', '.join(names)}")
         chosen = ranks[:, [columns.index(name) for name in names]]
@@ -307,9 +318,9 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
 def _checked_ranks(ranks: Any) -> Array:
     """Return ranks as a table, or raise `InputError`."""
     try:
-        table = np.asarray(ranks, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"ranks must be a table of numbers ({error})") from error
+        table = checked_numeric("ranks", ranks, np.float64)
+    except InputError as problem:
+        raise InputError(f"ranks must be a table of numbers: {problem}") from problem
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] < 3:
         raise InputError(f"ranks must be (b, k): at least 2 rows of ranks of at least 3 methods, not {table.shape}")
     if not ((table >= 1) & (table <= table.shape[1])).all():

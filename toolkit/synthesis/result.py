@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import check_fields, checked_arguments, checked_shape
+from intaglio.errors import InputError
 from intaglio.photometric import Relightable
 
 
@@ -48,6 +50,15 @@ class Synthesis:
     tileable: bool = False
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.maps.ndim != 3:
+            raise InputError(f"maps must be (H, W, n), not {self.maps.shape}")
+        object.__setattr__(self, "source", checked_shape("source", self.source, np.int32, (*self.maps.shape[:2], 2)))
+        if self.source.size and self.source.min() < 0:
+            raise InputError("source must hold rows and columns of the sample, from 0")
+
+    @checked_arguments
     def copy_of(self, sample: Array) -> Array:
         """Return any other map of the sample, arranged as this result is.
 
@@ -70,6 +81,9 @@ class Synthesis:
         >>> bool((made.copy_of(1 - sample) == 1 - made.maps[:, :, 0]).all())
         True
         """
+        rows, columns = (int(self.source[..., k].max(initial=-1)) + 1 for k in (0, 1))
+        if sample.ndim not in (2, 3) or sample.shape[0] < rows or sample.shape[1] < columns:
+            raise InputError(f"sample must be (H, W) or (H, W, n) of at least {rows} x {columns}, not {sample.shape}")
         return sample[self.source[..., 0], self.source[..., 1]]
 
 

@@ -62,7 +62,8 @@ class Match:
     metric: str = "absolute"
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        # Pixels that are masked out may be NaN.
+        check_fields(self, nan=True)
         checked_choice("metric", self.metric, METRICS)
         if self.maps is not None:
             object.__setattr__(self, "maps", self.maps if isinstance(self.maps, Relightable) else stack_maps(self.maps))
