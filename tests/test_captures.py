@@ -308,6 +308,7 @@ def test_skip(four, skip, left):
         ({"keep": 0, "skip": "00.png"}, "keep and skip both name 00.png"),
         ({"skip": "*"}, "skip leaves none"),
         ({"skip": 1.5}, "skip"),
+        ({"skip": b"01.png"}, "skip"),
         ({"skip": [True]}, "skip"),
         ({"keep": [None]}, "keep"),
         ({"strict": "yes"}, "strict"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array
+from intaglio.checks import shown
 from intaglio.errors import FileError, InputError
 from intaglio.photometric.examination import ImageFacts
 from intaglio.photometric.light_positions import tilt_and_slant
@@ -120,13 +121,14 @@ def _leave_out_twins(present: Sequence[ImageFacts], paths: Sequence[Path], kept:
     for one in present:
         if not one.used:
             continue
-        twin = next((other for other in seen if np.abs(one.light - other.light).max() < _SAME), None)
-        if twin is not None and one.number not in kept:
-            if strict:
-                raise InputError(f"{source}: {one.name} has the same light as {twin.name}; skip one of them")
-            leave_out(one, f"has the same light as {twin.name}")
-        else:
+        apart = np.abs(lights_of(seen) - one.light).max(axis=1) if seen else np.ones(1)
+        if apart.min() >= _SAME or one.number in kept:
             seen.append(one)
+            continue
+        twin = seen[int(apart.argmin())].name
+        if strict:
+            raise InputError(f"{source}: {one.name} has the same light as {twin}; skip one of them")
+        leave_out(one, f"has the same light as {twin}")
 
 
 def _treat_low_light(one: ImageFacts, kept: set[int], strict: bool) -> list[str]:
@@ -213,7 +215,7 @@ def _numbers(argument: str, given: Names, facts: Sequence[ImageFacts], listed: S
     words: list[str | int] = []
     for word in _sequence(argument, given):
         if isinstance(word, bool) or not isinstance(word, str | int | np.integer):
-            raise InputError(f"{argument} must be names or numbers of photographs, not {word!r}")
+            raise InputError(f"{argument} must be names or numbers of photographs, not {shown(word)}")
         if not isinstance(word, str):
             words.append(int(word))
         elif _matches(word, facts, listed):
@@ -227,9 +229,8 @@ def _numbers(argument: str, given: Names, facts: Sequence[ImageFacts], listed: S
             number = int(word) if len(str(word)) < 10 else len(facts)
             hits = [number % len(facts)] if -len(facts) <= number < len(facts) else []
         if not hits:
-            shown = word if len(str(word)) <= 60 else f"{str(word)[:59]}…"
             raise InputError(
-                f"{argument}: no photograph is {shown!r}; there are {_few([one.name for one in facts])}, numbers from 0"
+                f"{argument}: no photograph is {shown(word)}; there are {_few([one.name for one in facts])}, numbers from 0"
             )
         found.update(hits)
     return found
@@ -239,9 +240,11 @@ def _sequence(argument: str, given: object) -> list[object]:
     if isinstance(given, str | int | np.integer):
         return [given]
     try:
-        return list(given)  # type: ignore[call-overload]
+        if not isinstance(given, bytes):
+            return list(given)  # type: ignore[call-overload]
     except TypeError:
-        raise InputError(f"{argument} must be names or numbers of photographs, not {given!r}") from None
+        pass
+    raise InputError(f"{argument} must be names or numbers of photographs, not {shown(given)}")
 
 
 def _matches(word: str, facts: Sequence[ImageFacts], listed: Sequence[str]) -> list[int]:

@@ -37,7 +37,7 @@ _LEAST_SIDE = 32
 _WIDTHS, _NOISES = (0.25, 0.5, 1.0), (0.01, 0.1, 1.0)
 # Limits as (marked, left out). Brightness: natural logarithm, and spreads of its error.
 _FACTOR = np.log((1.25, 1.45))
-_SPREADS = (4.5, 5.5)
+_SPREADS = (4.5, 6.0)
 # How many times better an image fits another light than its own; of two images, each the other's.
 _ELSEWHERE = (4.0, 5.0)
 _SWAPPED = (3.3, 4.0)
