@@ -262,8 +262,8 @@ def test_tables_are_read_however_they_are_laid_out(tmp_path, text, kept, encodin
 @pytest.mark.parametrize(
     ("text", "note", "left"),
     [
-        (rows(POINTS) + "1 2 three\n1 2\n", "2 lines that hold no 3 numbers left out, the first is line 201: '1 2 three'", 200),
-        ("201\n" + rows(POINTS) + "oops\n", "1 line that hold no 3 numbers left out, the first is line 202: 'oops'", 200),
+        (rows(POINTS) + "1 2 three\n1 2\n", "2 lines without 3 numbers left out, the first is line 201: '1 2 three'", 200),
+        ("201\n" + rows(POINTS) + "oops\n", "1 line without 3 numbers left out, the first is line 202: 'oops'", 200),
         (rows(POINTS) + "1 nan 2\n1 inf 2\n", "2 points without finite coordinates", 200),
         (rows(POINTS, POINTS[::-1])[: rows(POINTS, POINTS[::-1]).rfind("\n")], "not of length 1", 200),
         (rows(POINTS) + rows(POINTS[:7]), "7 points that lie exactly on another", 200),

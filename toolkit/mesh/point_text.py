@@ -203,7 +203,7 @@ def _rows(text: str, delimiter: str | None, number: int, path: Path, notes: list
             if len(found) > 1 and all(all(map(is_number, words)) for words in split):
                 raise FileError(f"{path}: lines must hold as many numbers, all alike; found {found[:6]} of them, as in {where}")
             raise FileError(f"{path}: {where}; {usual} numbers are needed there and in {named(len(bad) - 1, 'further line')}")
-        notes.append(f"{named(len(bad), 'line')} that hold no {usual} numbers left out, the first is {where}")
+        notes.append(f"{named(len(bad), 'line')} without {usual} numbers left out, the first is {where}")
     return table, len(bad), promised
 
 
