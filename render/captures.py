@@ -123,7 +123,8 @@ def photometric_capture(
     depth, width = (rows - 1, columns - 1) if size is None else size
     if abs((columns - 1) / width - (rows - 1) / depth) > 1e-6 * (columns - 1) / width:
         raise ValueError(
-            f"size and height don't fit: pixels are not square in images of {depth} rows and {width} columns of a mesh of {rows - 1} x {columns - 1} cells"
+            f"size and height don't fit: pixels are not square in images of {depth} rows and {width} columns of a mesh of "
+            f"{rows - 1} x {columns - 1} cells"
         )
     mesh = textured_mesh(*height_mesh(height), _material(albedo, gloss))
     reach = float(np.ptp(height)) + 2 * max(rows, columns)

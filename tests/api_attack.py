@@ -1,8 +1,8 @@
 """Attack on the public functions: every argument in turn gets what it was not made for.
 
-A call may give a sound result, or end with IntaglioError, TypeError or ValueError that names the argument or the file. Everything
-else is a defect: another exception, a message without the name, a NumPy warning, NaN in a result, imaginary or masked parts lost in
-silence, other bits for the same values in another memory layout, altered input, a crash, a hang, runaway memory.
+A call may give a sound result, or end with IntaglioError, TypeError or ValueError that names the argument or the file. All
+else is a defect: another exception, a message without the name, a NumPy warning, NaN in a result, imaginary or masked parts
+lost in silence, other bits for the same values in another memory layout, altered input, a crash, a hang, runaway memory.
 
 Calls run in processes of their own under limits. As a script it makes all calls and lists the defects:
 
@@ -47,6 +47,14 @@ def array_like(valid):
     if array is None or array.dtype.kind not in "biuf" or array.size == 0 or array.ndim == 0:
         return np.linspace(0, 1, 64).reshape(8, 8)
     return array
+
+
+def shape_of(value):
+    """Return the shape of an array, or of lists of numbers; None for anything else."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        return None
 
 
 def spoiled(valid, value):
@@ -133,7 +141,7 @@ BAD = {
     "all NaN": (lambda v: array_like(v) * np.nan, "any"),
     "complex": (lambda v: array_like(v) + 0.5j, "refuse"),
     "masked": (masked, "refuse"),
-    "matrix": (lambda v: np.asmatrix(array_like(v).reshape(len(array_like(v)), -1)), "any"),
+    "matrix": (lambda v: array_like(v).reshape(len(array_like(v)), -1).view(np.matrix), "any"),
     "objects": (lambda v: array_like(v).astype(object), "any"),
     "objects of all kinds": (lambda v: np.full(array_like(v).shape, None, object), "any"),
     "strings": (lambda v: array_like(v).astype(str), "any"),
@@ -272,6 +280,10 @@ class Table:
     def make_sample(self):
         return np.random.default_rng(1).random((24, 24))
 
+    def make_material(self):
+        ramp = np.linspace(0, 1, 256, dtype=np.float32).reshape(16, 16)
+        return self.it.Material({"roughness": ramp}, {"roughness": "wood_roughness.png"}, {"roughness": 8})
+
     def make_synthesis(self):
         return self.it.quilt(self.sample, 32, block=8, device="cpu")
 
@@ -316,6 +328,8 @@ class Table:
         it.write_image(self.photograph.image, folder / "front.png")
         camera = {"K": self.camera.K.tolist(), "R": self.camera.R.tolist(), "t": self.camera.t.tolist()}
         (folder / "cameras.json").write_text(json.dumps({"front.png": camera}))
+        (folder / "wood").mkdir()
+        self.material.write(folder / "wood")
         return folder
 
     # Valid calls.
@@ -363,6 +377,7 @@ class Table:
             **{f"{kind}.from_chart": lambda make=make: (make().from_chart, {"coordinates": points[:, :2]})
                for kind, make in base_of.items() if kind in ("Plane", "Cylinder")},
             "read_surface": lambda: (it("read_surface"), {"path": files("mesh.ply"), "view": (0, 0, -1), "strict": False}),
+            "mend_surface": lambda: (it("mend_surface"), {"surface": self.square, "strict": False}),
             "write_surface": lambda: (it("write_surface"), {"surface": self.square, "path": "out.ply", "overwrite": True}),
             "surface_from_points": lambda: (it("surface_from_points"), {
                 "points": self.sheet.vertices, "direction": (0, 0, -1), "color": np.full((100, 3), 0.5), "longest": 3.0}),
@@ -411,7 +426,7 @@ class Table:
             "PhotometricStack": lambda: (it("PhotometricStack"), {
                 **fields(self.stack), "mask": np.ones((16, 16), bool), "names": ("a", "b", "c", "d"), "ceiling": 1.0}),
             "PhotometricStack ceilings": lambda: (it("PhotometricStack"), {
-                **fields(self.stack), "ceiling": np.ones(4), "images": np.asarray(self.stack.images)}),
+                **fields(self.stack), "ceiling": np.ones((4, 1)), "images": np.asarray(self.stack.images)}),
             "PhotometricStack.name": lambda: (self.stack.name, {"k": 1}),
             "PhotometricStack.image": lambda: (self.stack.image, {"k": 1}),
             "PhotometricStack.mixed": lambda: (self.stack.mixed, {"weights": (1.0,)}),
@@ -419,7 +434,7 @@ class Table:
             "PhotometricStack.strips": lambda: (lambda size: list(self.stack.strips(size)), {"size": 8}),
             "read_stack": lambda: (it("read_stack"), {
                 "path": files("capture.lp"), "response": None, "mask": None, "intensities": None, "sphere": None, "circle": None,
-                "gray": False, "memory": 1 << 30}),
+                "gray": False, "memory": 1 << 30, "keep": (), "skip": (), "strict": False}),
             "represent": lambda: (it("represent"), {"stack": self.stack, "kind": "gradient", "color": "channels", **fitting,
                                                     **cpu, **quiet}),
             "represent rbf": lambda: (it("represent"), {"stack": self.many, "kind": "rbf", "color": "channels", **fitting,
@@ -472,6 +487,10 @@ class Table:
             "QuiltOptions": lambda: (it("QuiltOptions"), fields(self.it.QuiltOptions())),
             "GrowOptions": lambda: (it("GrowOptions"), fields(self.it.GrowOptions())),
             "Match": lambda: (it("Match"), {"maps": self.sample, "weights": (1.0,), "metric": "absolute"}),
+            "read_material": lambda: (it("read_material"), {"folder": files("wood")}),
+            "Material": lambda: (it("Material"), {**fields(self.material), "opaque": np.ones((16, 16), bool)}),
+            "Material.with_values": lambda: (self.material.with_values, {"values": np.full((8, 8, 1), 0.5)}),
+            "Material.write": lambda: (self.material.write, {"folder": "out"}),
             "Synthesis": lambda: (it("Synthesis"), fields(self.synthesis)),
             "Synthesis.copy_of": lambda: (self.synthesis.copy_of, {"sample": self.sample}),
             "assess_synthesis": lambda: (it("assess_synthesis"), {
@@ -497,6 +516,7 @@ class Table:
                 "shape_threshold": 0.0, "max_stretch": None, "conformal": 0.5, "iterations": 3, **cpu, **quiet}),
             "Parameterization": lambda: (it("Parameterization"), fields(self.uv)),
             "Camera": lambda: (it("Camera"), fields(self.camera)),
+            "Camera.unproject": lambda: (self.camera.unproject, {"pixel": np.array([[3.0, 4.0], [11.5, 11.5]])}),
             "Camera.project": lambda: (self.camera.project, {"points": self.square.vertices}),
             "Photograph": lambda: (photograph, {**fields(self.photograph)}),
             "bind_photographs": lambda: (it("bind_photographs"), {
@@ -520,7 +540,8 @@ class Table:
                 "seed": 0}),
             "ViewComparison": lambda: (it("ViewComparison"), fields(self.it.compare_with_photograph(
                 self.square, self.uv, self.texture.image, np.ones(self.texture.known.shape, bool), self.photograph, samples=1))),
-            "read_photographs": lambda: (it("read_photographs"), {"path": files("cameras.json"), "images": None, "strict": False}),
+            "read_photographs": lambda: (it("read_photographs"), {
+                "path": files("cameras.json"), "images": None, "strict": False}),
             "restore_texture": lambda: (it("restore_texture"), {
                 "texture": self.texture, "method": "split", **restoring, **cpu, **quiet}),
             "write_textured": lambda: (it("write_textured"), {
@@ -672,7 +693,7 @@ def bits(value):
         if isinstance(leaf, np.ndarray):
             found[name] = (leaf.shape, np.ascontiguousarray(leaf).tobytes() if leaf.dtype.kind in "biuf" else str(leaf))
         else:
-            found[name] = repr(leaf)
+            found[name] = repr(leaf.item() if isinstance(leaf, np.generic) else leaf)
     return found
 
 
@@ -691,6 +712,8 @@ RECORDS = {
     "ReliefReport", "TruthComparison", "RepresentationReport", "RestorationReport", "SynthesisReport", "GeometryReport",
     "ViewComparison", "Friedman", "MultipleComparison", "Integrability", "SphereLights", "Hole", "render.Comparison",
     "render.RangeImage", "SurfaceMaps",
+    # NaN stands for what is not seen or masked out, and copies are what was given.
+    "Match", "Camera.project", "render.range_scan", "Synthesis.copy_of",
 }  # fmt: skip
 
 
@@ -752,7 +775,9 @@ class Worker:
         except (ValueError, TypeError, OverflowError, FloatingPointError):
             return None, "not made"
         genuine = array_like(held)
-        is_same = judged == "same" and np.shape(held) == genuine.shape and genuine.ndim > 0 and np.asarray(held).dtype == genuine.dtype
+        is_same = (
+            judged == "same" and shape_of(held) == genuine.shape and genuine.ndim > 0 and np.asarray(held).dtype == genuine.dtype
+        )
         given = {**self.arguments, argument: value if place is None else inside(valid, place, value)}
         before = bits({k: v for k, v in given.items() if isinstance(v, np.ndarray | list | tuple | dict)})
         with warnings.catch_warnings(record=True) as heard:
@@ -795,7 +820,9 @@ class Worker:
         fitting = isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and isinstance(error, intaglio.IntaglioError)
         if fitting and any(re.search(rf"\b{re.escape(other)}\b", text) for other in others):
             return None
-        if isinstance(value, str | Path) and str(value) and str(value)[:50] in text and isinstance(error, intaglio.IntaglioError):
+        names = value if isinstance(value, tuple | list) else (value,)
+        files = [str(name)[:50].replace("\0", " ") for name in names if isinstance(name, str | Path) and str(name)]
+        if isinstance(error, intaglio.IntaglioError) and any(name in text for name in files):
             return None
         return f"without the name: {kind}: {text[:150]}"
 
@@ -821,21 +848,22 @@ def serve():
 class Process:
     """A worker, started again after a crash or a hang."""
 
-    def __init__(self):
+    def __init__(self, command=(__file__, "--serve")):
+        self.command = [sys.executable, *command]
         self.process = None
 
-    def ask(self, request, seconds):
-        """Return the answer, or what ended the process."""
+    def ask(self, request, seconds, started=WARM_SECONDS):
+        """Return the answer, or what ended the process; one that has to be started gets some time more."""
         if self.process is None:
             self.process = subprocess.Popen(
-                [sys.executable, __file__, "--serve"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+                self.command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
             )
-            seconds += WARM_SECONDS
+            seconds += started
         self.process.stdin.write(json.dumps(request).encode() + b"\n")
         self.process.stdin.flush()
         if not select.select([self.process.stdout], [], [], seconds)[0]:
             self.close()
-            return [f"hangs: more than {SECONDS} s", "hung"]
+            return [f"hangs: more than {seconds:g} s", "hung"]
         line = self.process.stdout.readline()
         if not line:
             status = self.process.wait()
@@ -870,9 +898,7 @@ def attack(names, count=2, choose=lambda name, jobs: jobs, report=None):
             else:
                 results = []
                 for argument, place, bad in choose(name, jobs):
-                    # A worker that was started anew makes the valid call again before.
-                    seconds = SECONDS + (0 if process.process is not None else WARM_SECONDS)
-                    results.append((name, argument, place, bad, *process.ask((name, argument, place, bad), seconds)))
+                    results.append((name, argument, place, bad, *process.ask((name, argument, place, bad), SECONDS)))
             found.extend(results)
             if report is not None:
                 report(name, results)
@@ -887,25 +913,28 @@ def attack(names, count=2, choose=lambda name, jobs: jobs, report=None):
 
 
 def public_names():
-    """Return the names of all public functions, classes and methods that take an argument."""
+    """Return the parameters of all public functions, classes and methods that take any, by name."""
     import intaglio
     import intaglio.render
 
-    found = set()
+    found = {}
+
+    def take(name, function):
+        parameters = set(inspect.signature(function).parameters) - {"self"}
+        if parameters:
+            found[name] = parameters
+
     for prefix, module in (("", intaglio), ("render.", intaglio.render)):
         for name in module.__all__:
             value = getattr(module, name)
-            if inspect.isclass(value):
-                if issubclass(value, BaseException):
-                    continue
-                if not inspect.isabstract(value):
-                    found.add(prefix + name)
+            if not inspect.isclass(value):
+                if callable(value):
+                    take(prefix + name, value)
+            elif not issubclass(value, BaseException) and not inspect.isabstract(value):
+                take(prefix + name, value)
                 for method, function in vars(value).items():
-                    if not method.startswith("_") and inspect.isfunction(function) and not inspect.isabstract(value):
-                        if len(inspect.signature(function).parameters) > 1:
-                            found.add(f"{prefix}{name}.{method}")
-            elif callable(value) and inspect.signature(value).parameters:
-                found.add(prefix + name)
+                    if not method.startswith("_") and inspect.isfunction(function):
+                        take(f"{prefix}{name}.{method}", function)
     return found
 
 

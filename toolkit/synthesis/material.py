@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.arrays import Array, PathLike
-from intaglio.checks import checked_arguments
+from intaglio.checks import check_fields, checked_arguments
 from intaglio.errors import FileError, InputError
 from intaglio.files import READABLE_SUFFIXES, read_image_with_type, whole_folder, write_image
 from intaglio.kernels.transfer import encode_srgb
@@ -93,13 +93,16 @@ class Material:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not self.maps or not self.maps.keys() == self.files.keys() == self.bits.keys():
-            raise InputError("a material needs at least one map, and a file's name and bits for each")
+            raise InputError("maps, files and bits of a material must have the same names, at least one")
         for kind, values in self.maps.items():
             if kind not in _WORDS:
                 raise InputError(f"maps: {kind!r} is no known meaning; known: {', '.join(_WORDS)}")
             if values.ndim not in (2, 3) or values.size == 0 or values.shape[:2] != self.shape:
                 raise InputError(f"maps: {kind} is {values.shape}; all maps must be (H, W) or (H, W, 3) of one size")
+            if not np.isfinite(values).all():
+                raise InputError(f"maps: {kind} has values that are not finite")
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -163,6 +166,7 @@ class Material:
         shown = [encode_srgb(m) if kind in _COLORS else m for kind, m in self.maps.items()]
         return np.concatenate([_planes(m) for m in shown], axis=2)
 
+    @checked_arguments
     def with_values(self, values: Array) -> Material:
         """Return a material of the same maps with other values.
 
