@@ -40,6 +40,10 @@ def read_obj(path: Path) -> RawMesh:
     others: Counter[str] = Counter()
     points, coordinates, faces = (lines[k] for k in (b"v", b"vt", b"f"))
     for line in content.splitlines():
+        # Most lines by far, without looking for more than they begin with.
+        if line.startswith(b"v "):
+            points.append(line[2:])
+            continue
         parts = line.split(None, 1)
         if len(parts) < 2:
             continue
@@ -93,7 +97,9 @@ def _table(path: Path, rows: list[bytes], what: str, widths: tuple[int, ...]) ->
     """Return lines of numbers as an array, padded with NaN to the longest."""
     values = _numbers(path, b"\n".join(rows), what)
     width, left = divmod(len(values), len(rows))
-    lengths = {len(row.split(b"#", 1)[0].split()) for row in rows}
+    # Lines with as many spaces as others, each between two numbers, are all alike.
+    alike = left == 0 and {row.count(b" ") for row in rows} == {width - 1} and b"\t" not in rows[0]
+    lengths = {width} if alike else {len(row.split(b"#", 1)[0].split()) for row in rows}
     if left == 0 and lengths == {width}:
         table = values.reshape(-1, width)
     else:
@@ -152,17 +158,20 @@ def _corners(path: Path, rows: list[bytes]) -> tuple[Array, Array]:
         return np.zeros(0, np.int64), np.zeros((0, 1), np.int64)
     if any(b"#" in row for row in rows):
         rows = [row.split(b"#", 1)[0] for row in rows]
+    spaces, text = rows[0].count(b" "), b" ".join(rows)
+    if {row.count(b" ") for row in rows} == {spaces}:
+        # Where each corner has as many slashes as the first, and a space after it, all are alike.
+        slashes = rows[0].split(b" ", 1)[0].count(b"/")
+        letters = np.frombuffer(text + b" ", np.uint8)
+        marks = letters[(letters == ord(" ")) | (letters == ord("/"))]
+        expected = np.array([ord("/")] * slashes + [ord(" ")], np.uint8)
+        if len(marks) == len(rows) * (spaces + 1) * len(expected) and (marks.reshape(-1, len(expected)) == expected).all():
+            numbers = _numbers(path, text.replace(b"/", b" "), "f")
+            if len(numbers) == len(marks) and slashes < 3:
+                return np.full(len(rows), spaces + 1), _whole(path, numbers.reshape(-1, slashes + 1))
     words = [row.split() for row in rows]
     counts = np.array([len(w) for w in words])
     flat = [word for row in words for word in row]
-    kinds = Counter(word.count(b"/") for word in flat)
-    if len(kinds) == 1 and b"//" not in rows[0] and not any(word.endswith(b"/") for word in flat[:1]):
-        width = next(iter(kinds)) + 1
-        text = b" ".join(flat)
-        if b"//" not in text and b"/ " not in text and not text.endswith(b"/"):
-            numbers = _numbers(path, text.replace(b"/", b" "), "f")
-            if len(numbers) == width * len(flat) and width <= 3:
-                return counts, _whole(path, numbers.reshape(-1, width))
     table = np.zeros((len(flat), 3))
     for k, word in enumerate(flat):
         parts = word.split(b"/")
