@@ -457,6 +457,7 @@ def test_table_of_photographs(run, plate, tmp_path):
     assert rows[11].endswith("left out")
     assert not any("*" in row for k, row in enumerate(rows) if k != 11)
     assert "left out 11.png: 1." in said
+    assert "one at a time" not in said
 
 
 def test_table_of_what_was_not_read(four):

@@ -145,7 +145,10 @@ def read_stack(
 
 @dataclass(frozen=True)
 class Reading:
-    """What `read_stack` takes besides the photographs; its parameters say what each is."""
+    """What `read_stack` takes besides the photographs; its parameters say what each is.
+
+    With ``glance`` photographs are looked at once and not used: that they stay on disk is nothing to note.
+    """
 
     mask: PathLike | Array | None = None
     intensities: PathLike | None = None
@@ -153,6 +156,7 @@ class Reading:
     circle: tuple[float, float, float] | None = None
     gray: bool = False
     memory: int = MEMORY_BYTES
+    glance: bool = False
 
 
 def examine_capture(path: PathLike, response: str | float | None = None) -> tuple[PhotometricStack, list[ImageFacts]]:
@@ -167,7 +171,7 @@ def examine_capture(path: PathLike, response: str | float | None = None) -> tupl
     InputError
         As `read_stack`.
     """
-    return _read(Path(path), response, Reading(memory=0), Choice())
+    return _read(Path(path), response, Reading(memory=0, glance=True), Choice())
 
 
 def _read(
@@ -200,7 +204,7 @@ def _read(
     files = files.chosen(used)
     size = 4 * math.prod(files.shape)
     values = files if images is None else _gathered(images, used)
-    if images is None and size > reading.memory:
+    if images is None and not reading.glance:
         notes.append(f"the stack is {size / 2**30:.1f} GiB: images are read one at a time")
     labels = tuple(str(paths[k]) for k in used)
     ceiling = photographs.ceiling(files.dtype)
