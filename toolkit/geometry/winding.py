@@ -73,7 +73,8 @@ def _winding_by_piece(places: Array, points: Array, weighted: Array, piece: Arra
     for begin in range(0, len(places), rows):
         part = places[begin : begin + rows]
         away = square - 2 * (part @ points.T) + (part**2).sum(axis=1)[:, None]
-        np.maximum(away, 1e-300, out=away)
+        # Its power of 3/2 must not vanish.
+        np.maximum(away, 1e-200, out=away)
         angle = (own - part @ weighted.T) / (away * np.sqrt(away))
         out[piece[first], begin : begin + rows] = np.add.reduceat(angle, first, axis=1).T / (4 * np.pi)
     return out

@@ -15,11 +15,14 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_memory, check_readable
+from intaglio.files.quiet import hushed
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.raw_mesh import RawMesh
 
 _COMPONENTS = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 _SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+# Types of what is read; indices have no name.
+_TYPES = {"": "SCALAR", "POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD": "VEC2"}
 # Extensions without which the geometry can't be read.
 _PACKED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
@@ -50,15 +53,19 @@ def read_gltf(path: Path) -> RawMesh:
             # Names are resolved here: trimesh knows no escaped ones.
             source = io.BytesIO(_self_contained(document, buffers, path))
         kind = "gltf" if isinstance(source, io.BytesIO) else "glb"
-        loaded = trimesh.load(source, file_type=kind, process=False, maintain_order=True, force="scene")
-        parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)]
-        clouds = [part for part in loaded.dump() if isinstance(part, trimesh.PointCloud)]
+        with hushed():
+            loaded = trimesh.load(source, file_type=kind, process=False, maintain_order=True, force="scene")
+            parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)]
+            clouds = [part for part in loaded.dump() if isinstance(part, trimesh.PointCloud)]
     except MemoryError:
         raise
     except Exception as error:
         raise FileError(f"{path}: can't be read as glTF ({type(error).__name__}: {_said(error)})") from error
     if not parts and not clouds:
         raise InputError("holds no mesh")
+    for part in parts:
+        if len(part.faces) and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
+            raise InputError(f"a face names vertex {part.faces.max()}, but its mesh has only {len(part.vertices)}")
     return _joined(parts or clouds, _first_picture(document, buffers, path.parent))
 
 
@@ -165,8 +172,13 @@ def _check(document: dict[str, Any], buffers: list[bytes]) -> None:
             raise ValueError(f"an accessor's {count} entries reach beyond its bufferView")
     for mesh in document.get("meshes") or ():
         for primitive in mesh["primitives"]:
-            for number in (*primitive["attributes"].values(), *([primitive["indices"]] if "indices" in primitive else [])):
-                at("accessors", number)
+            for name, number in (
+                *primitive["attributes"].items(),
+                *([("", primitive["indices"])] if "indices" in primitive else []),
+            ):
+                kind = at("accessors", number)["type"]
+                if kind != _TYPES.get(name.split("_")[0], kind):
+                    raise ValueError(f"{name or 'indices'} are of type {kind}")
             if "material" in primitive:
                 at("materials", primitive["material"])
     for node in document.get("nodes") or ():

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from intaglio.arrays import PathLike
 from intaglio.errors import FileError, InputError
 from intaglio.files import check_readable
@@ -67,7 +69,9 @@ def read_point_file(path: PathLike) -> PointFile:
     if reader is None:
         raise FileError(f"{path}: unknown type {path.suffix!r} of points; known: {', '.join(sorted(_readers))}")
     try:
-        return tidied(reader(path))
+        # Numbers of absurd size are left out with a note, without NumPy's warnings.
+        with np.errstate(all="ignore"):
+            return tidied(reader(path))
     except InputError as problem:
         said = str(problem)
         raise InputError(said if said.startswith(f"{path}: ") else f"{path}: {said}") from problem

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.errors import InputError
+from intaglio.errors import FileError, InputError, IntaglioError
 from intaglio.files import check_readable, read_samples
 from intaglio.kernels.transfer import decode_srgb
 
@@ -106,13 +107,20 @@ def samples_of(picture: Path | bytes) -> Array:
 
 
 def image_from_bytes(content: bytes) -> Array:
-    """Return the samples of an image file's content."""
+    """Return the samples of an image file's content; errors and warnings call it "its picture"."""
     import tempfile
 
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         path = Path(folder, "picture")
         path.write_bytes(content)
-        return read_samples(path)
+        try:
+            samples = read_samples(path)
+        except IntaglioError as error:
+            raise FileError(str(error).replace(str(path), "its picture")) from error
+    for warning in caught:
+        warnings.warn(str(warning.message).replace(str(path), "its picture"), warning.category, stacklevel=1)
+    return samples
 
 
 def _nearest(image: Array, uv: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_arguments, checked_flag
-from intaglio.errors import FileError, InputError
+from intaglio.errors import FileError, InputError, IntaglioError
 from intaglio.files import check_readable
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.base import Base, Cylinder, Plane, Sphere
@@ -101,16 +101,18 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict:
     strict = checked_flag("strict", strict)
     reader = _reader_of(path)
     try:
-        if path.suffix.lower() == ".ply":
-            ply = read_ply(path)
-            if "range_grid" in ply.elements:
-                return _from_range_grid(ply, view)
-            if _is_own(ply):
-                return _own_surface(ply, path)
-            return _surface_of(_raw_from_ply(ply, path), view, strict)
-        if reader is None:
-            return _from_points(read_point_file(path), view)
-        return _surface_of(reader(path), view, strict)
+        # Numbers of absurd size are told by what they make, not by NumPy's warnings.
+        with np.errstate(all="ignore"):
+            if path.suffix.lower() == ".ply":
+                ply = read_ply(path)
+                if "range_grid" in ply.elements:
+                    return _from_range_grid(ply, view)
+                if _is_own(ply):
+                    return _own_surface(ply, path)
+                return _surface_of(_raw_from_ply(ply, path), view, strict)
+            if reader is None:
+                return _from_points(read_point_file(path), view)
+            return _surface_of(reader(path), view, strict)
     except InputError as error:
         raise _named(error, path) from error
 
@@ -130,7 +132,8 @@ def read_mesh_file(path: PathLike) -> RawMesh:
     if reader is None:
         raise FileError(f"{path}: {path.suffix} holds points, no faces; known mesh types: {', '.join(sorted(_readers))}")
     try:
-        return reader(path)
+        with np.errstate(all="ignore"):
+            return reader(path)
     except InputError as error:
         raise _named(error, path) from error
 
@@ -164,7 +167,12 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
     """Return a file's mesh as a surface, mended; or its points triangulated as seen along ``view``."""
     if len(raw.vertices) == 0:
         raise InputError("holds no vertices")
-    color = raw.joined_color()
+    color, notes = raw.color, raw.notes
+    try:
+        color = raw.joined_color()
+    except IntaglioError as error:
+        notes += (f"{error}; the mesh is read without its colours",)
+        raw = replace(raw, pictures=())
     if len(raw.faces) == 0:
         if view is None:
             raise InputError(
@@ -183,7 +191,7 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
         uv=None if raw.uv is None else raw.uv.reshape(-1, 2)[mending.corner],
         picture=raw.kept_picture(),
         file_vertex=mending.vertex if mending.notes else None,
-        notes=raw.notes + tuple(f"mended: {note}" for note in mending.notes),
+        notes=notes + tuple(f"mended: {note}" for note in mending.notes),
     )
 
 
