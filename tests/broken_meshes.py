@@ -177,7 +177,8 @@ def write_strips(path, vertices, faces):
         else:
             strips += [a, b, c, -1]
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-    head += "property float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    head += "property float x\nproperty float y\nproperty float z\n"
+    head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
     body = vertices.astype("<f4").tobytes() + struct.pack("<i", len(strips)) + np.array(strips, "<i4").tobytes()
     path.write_bytes(head.encode() + body)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from broken_meshes import DEFECTS, all_at_once, write_plain
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -183,7 +184,7 @@ def test_all_that_belongs_to_vertices_and_corners_goes_along():
     np.testing.assert_array_equal(whole.source, np.arange(len(whole.vertices)))
     with pytest.raises(InputError, match="1 vertex doubled"):
         mend_surface(surface, strict=True)
-    with pytest.raises(InputError, match=r"surface must be an intaglio\.Surface"):
+    with pytest.raises(InputError, match="surface must be a Surface"):
         mend_surface((vertices, faces))
 
 
@@ -213,3 +214,52 @@ def test_strips_alternate_their_winding():
     strip = np.array([0, 1, 2, 3, -1, 4, 5, 6, -1, 7, 8, -1, 9, 10, 11, 11, 12])
     expected = [[0, 1, 2], [2, 1, 3], [4, 5, 6], [9, 10, 11]]
     np.testing.assert_array_equal(strip_triangles(strip), expected)
+
+
+@pytest.fixture(scope="module")
+def open_ball():
+    """A sound mesh of one piece with one border and a hole."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    center = ball.triangles_center
+    keep = (center[:, 2] < 0.9) & (np.linalg.norm(center - (1, 0, 0), axis=1) > 0.2)
+    part = ball.submesh([np.flatnonzero(keep)], append=True)
+    return np.asarray(part.vertices), np.asarray(part.faces)
+
+
+@pytest.mark.parametrize("defect", [*DEFECTS, "all_at_once"])
+def test_every_defect_is_mended_for_every_system(open_ball, defect, tmp_path, run):
+    make = DEFECTS.get(defect, all_at_once)
+    vertices, faces = make(*open_ball, np.random.default_rng(0))
+    write_plain(tmp_path / "a.ply", vertices, faces)
+    surface = intaglio.read_surface(tmp_path / "a.ply")
+    assert is_manifold(surface.faces)
+    assert intaglio.list_holes(surface)
+    flat = intaglio.parameterize(surface, "mean-value", device="cpu")
+    assert len(flat.faces) == len(surface.faces)
+    status, out, errors = run("complete", tmp_path / "a.ply", "--holes", "list")
+    assert (status, "outer border 1" in out or "hole 1" in out) == (0, True), errors
+    untouched = defect in ("in_pieces", "with_unused_vertices")
+    status, _, errors = run("complete", tmp_path / "a.ply", "--holes", "list", "--strict")
+    assert status == (0 if untouched else 2)
+    assert untouched or errors.count("\n") == 1
+
+
+def test_a_mended_scan_is_completed(open_ball, tmp_path):
+    write_plain(tmp_path / "a.ply", *DEFECTS["with_walls"](*open_ball, np.random.default_rng(0)))
+    scan = intaglio.read_surface(tmp_path / "a.ply")
+    hole = next(h for h in intaglio.list_holes(scan) if not h.outer)
+    whole = intaglio.complete_relief(scan, "smooth", holes=hole.number, window=2, rotations=1, refine=0)
+    assert (~whole.measured).any()
+    measured = whole.measured
+    np.testing.assert_array_equal(whole.vertices[measured], scan.vertices[np.isin(np.arange(len(scan.vertices)), used(scan))])
+    assert (whole.file_vertex[~measured] == -1).all()
+    raw = intaglio.mesh.read_mesh_file(tmp_path / "a.ply")
+    np.testing.assert_array_equal(raw.vertices[whole.file_vertex[measured]], whole.vertices[measured])
+
+
+def used(scan):
+    """The vertices of pieces of at least 50, which completion keeps."""
+    number, label = intaglio.mesh.pieces(scan.faces, len(scan.vertices))
+    return np.flatnonzero(np.bincount(label, minlength=number)[label] >= 50)

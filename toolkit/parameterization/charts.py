@@ -70,6 +70,7 @@ def squared_stretches(uv: Array, faces: Array, rest: Array) -> Array:
     a, b, c = (uv[faces[:, k]] for k in range(3))
     jacobian = np.stack([b - a, c - a], axis=2) @ rest
     det = np.abs(jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0])
-    with np.errstate(divide="ignore"):
-        squared: Array = np.sum(jacobian**2, axis=(1, 2)) / (2 * det**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # A triangle of which nothing is left, not even a line, is flat as well.
+        squared = np.where(det > 0, np.sum(jacobian**2, axis=(1, 2)) / (2 * det**2), np.inf)
     return squared

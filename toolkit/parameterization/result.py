@@ -38,6 +38,11 @@ class Parameterization:
     notes : tuple of str
         What was done on the way, as sentences for the user.
 
+    Raises
+    ------
+    InputError
+        If an array is of another type or shape, or holds what is no number of a vertex or chart.
+
     See Also
     --------
     intaglio.parameterize : Computes it.
@@ -146,7 +151,8 @@ def measure_parameterization(
     jacobian = np.stack([b - a, c - a], axis=2) @ rest
     norm = np.sum(jacobian**2, axis=(1, 2))
     det = np.abs(signed) / area
-    least = np.sqrt(np.maximum((norm - np.sqrt(np.maximum(norm**2 - 4 * det**2, 0))) / 2, 1e-300))
+    least = np.sqrt(np.maximum((norm - np.sqrt(np.maximum(norm**2 - 4 * det**2, 0))) / 2, 0))
+    thinnest = float(least.min())
     longest = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     return Parameterization(
         uv=uv,
@@ -154,7 +160,7 @@ def measure_parameterization(
         vertex=vertex,
         chart=chart.astype(np.int32),
         l2_stretch=float(np.sqrt((area * squared).sum() / area.sum() * scale)),
-        linf_stretch=float(np.sqrt(scale) / least.min()),
+        linf_stretch=float(np.sqrt(scale)) / thinnest if thinnest > 0 else np.inf,
         flips=flips,
         shape_ratio=np.abs(signed) / np.maximum(longest, 1e-300),
         face_stretch=np.sqrt(squared * scale),
