@@ -55,7 +55,7 @@ def with_flat_faces(vertices, faces, random):
 
 def with_missing_numbers(vertices, faces, random):
     out = vertices.copy()
-    out[random.choice(len(out), len(out) // 5000, replace=False)] = np.nan
+    out[random.choice(len(out), len(out) // 5000 + 1, replace=False)] = np.nan
     return out, faces
 
 
