@@ -138,9 +138,15 @@ def image_facts(path: Path) -> list[str]:
     lines = [f"{image.shape[1]} x {image.shape[0]} pixels, {channels} channel{'s' if channels > 1 else ''} (linear values below)"]
     for c in range(channels):
         plane = image if image.ndim == 2 else image[:, :, c]
+        finite = plane[np.isfinite(plane)]
+        odd = plane.size - finite.size
+        if not finite.size:
+            lines.append(f"channel {c}: no value is finite")
+            continue
         lines.append(
-            f"channel {c}: least {plane.min():.5g}, mean {plane.mean():.5g}, most {plane.max():.5g}; "
-            f"{np.mean(plane >= 1):.2%} at or over 1, {np.mean(plane <= 0):.2%} at or under 0"
+            f"channel {c}: least {finite.min():.5g}, mean {finite.mean(dtype=np.float64):.5g}, most {finite.max():.5g}; "
+            f"{np.mean(finite >= 1):.2%} at or over 1, {np.mean(finite <= 0):.2%} at or under 0"
+            + (f"; {odd} values are not finite" if odd else "")
         )
     return lines
 

@@ -23,6 +23,8 @@ _FEWEST = 32
 _STEEP = 0.1
 # The smallest and largest extents that single precision can represent well.
 _SMALLEST, _LARGEST = 1e-12, 1e12
+# Samples that are closer than this share of the extent are copies that differ by rounding.
+_CLOSEST = 1e-9
 # Local distances of samples (2 % and 98 % quantiles) may differ by this factor.
 _MOST_UNEVEN = 3.0
 # A warning is given if a larger share of the points has an opposing surface nearer than this many distances of samples.
@@ -119,6 +121,11 @@ def geometry_from_points(
     height_axis = _axis(axis, positions)
     given = None if bounds is None else _bounds(bounds, height_axis)
     measured = float(np.median(local_spacing(positions)))
+    if not measured > _CLOSEST * extent:
+        raise InputError(
+            f"half of the points are within {measured:.3g} of another one, though all extend over {extent:.3g}: they are copies of "
+            "few points; leave these out"
+        )
     if directions is None:
         directions, note = estimate_normals(positions, height_axis, measured)
         notes.append(note)

@@ -45,7 +45,7 @@ def read_gltf(path: Path) -> RawMesh:
             raise FileError(f"{path}: its geometry is compressed by {name}; save it without, or as PLY")
     try:
         _check(document, buffers)
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise FileError(f"{path}: is damaged ({_said(error)})") from error
     try:
         source: Path | io.BytesIO = path
@@ -121,7 +121,7 @@ def _document(path: Path) -> tuple[dict[str, Any], list[bytes]]:
         raise FileError(f"{path}: is no glTF: its JSON has no asset")
     try:
         buffers = [_buffer(entry, chunk, path) for entry in document.get("buffers") or ()]
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise FileError(f"{path}: a buffer is damaged ({_said(error)})") from error
     return document, buffers
 
@@ -226,7 +226,7 @@ def _first_picture(document: dict[str, Any], buffers: list[bytes], folder: Path)
                 content = buffers[view["buffer"]][start : start + int(view["byteLength"])]
             else:
                 content = _at_uri(image["uri"], folder / "mesh.gltf")
-        except (KeyError, IndexError, TypeError, ValueError, OSError):
+        except (KeyError, IndexError, TypeError, ValueError, OverflowError, OSError):
             continue
         if content not in found:
             found.append(content)

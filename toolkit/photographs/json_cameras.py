@@ -22,7 +22,10 @@ _UNDERSTOOD = ("K", "R", "t", "C", "distortion", "model")
 
 def json_views(path: Path) -> Views:
     """Read a JSON file of whatever program, told by its content."""
-    data = read_json(path, _without_repeats)
+    try:
+        data = read_json(path, _without_repeats)
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from problem
     if isinstance(data, dict):
         if isinstance(data.get("frames"), list):
             return nerf_views(path, data)

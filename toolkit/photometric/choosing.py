@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,7 +82,7 @@ def leave_out_by_list(
         If a light can't be used and its photograph is to be kept, or any is and ``strict``.
     """
     used = [one for one in facts if one.used]
-    missing = [one for one in used if not paths[one.number].is_file()]
+    missing = [one for one in used if not os.path.isfile(paths[one.number])]
     wanted = [one for one in missing if strict or one.number in kept]
     if wanted or len(missing) == len(used):
         listed = ", ".join(str(paths[one.number]) for one in missing[:8])
