@@ -24,6 +24,11 @@ class RangeImage:
     view : (3,) float64 array
         Where the scanner stood, in the mesh's coordinates.
 
+    Raises
+    ------
+    ValueError
+        If an array is of another type or shape.
+
     See Also
     --------
     intaglio.render.range_scan : Makes one.

@@ -107,6 +107,11 @@ def relightable_bsdf(
     mitsuba.BSDF
         The BSDF, for any mesh with texture coordinates and any emitter.
 
+    Raises
+    ------
+    ValueError
+        If maps and chroma have other shapes, or the coefficients are not one finite number for each map.
+
     See Also
     --------
     intaglio.render.relit : Render a mesh with it.

@@ -43,6 +43,11 @@ class Variant:
     llvm : str or None
         Path of the LLVM library in use; None unless the variant is ``llvm_ad_rgb``.
 
+    Raises
+    ------
+    ValueError
+        If a field is no text.
+
     See Also
     --------
     intaglio.render.variant : Chooses it.

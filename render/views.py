@@ -30,6 +30,12 @@ class Viewpoint:
     fov : float, optional
         Vertical field of view in degrees. Default 25, a moderate telephoto lens, which hardly distorts.
 
+    Raises
+    ------
+    ValueError
+        If a place is not three finite numbers, eye and target are one, ``up`` is along the line of sight, or ``fov`` is not
+        between 0 and 180.
+
     See Also
     --------
     intaglio.render.frame : A viewpoint that sees all of a mesh.
@@ -118,6 +124,11 @@ def frame(
     -------
     Viewpoint
         A camera that looks at the middle of the mesh's bounding box.
+
+    Raises
+    ------
+    ValueError
+        If the vertices all lie in one place, or an argument is not what is said above.
 
     Examples
     --------

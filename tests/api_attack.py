@@ -697,6 +697,14 @@ def bits(value):
     return found
 
 
+def alike(value, other):
+    """Return whether arrays differ by rounding alone: the renderer's threads add up a pixel's paths in any order."""
+    return all(
+        np.allclose(leaf, same, atol=1e-6, equal_nan=True) if isinstance(leaf, np.ndarray) else True
+        for (_, leaf), (_, same) in zip(parts(value), parts(other), strict=True)
+    )
+
+
 def not_numbers(value):
     """Return the names of the parts that hold NaN."""
     found = set()
@@ -795,7 +803,8 @@ class Worker:
             return f"{bad} array accepted", "accepted"
         if is_same and bits(returned) != bits(self.expected):
             wrong = [k for k, v in bits(self.expected).items() if bits(returned).get(k) != v]
-            return f"other bits: {wrong[:4]}", "accepted"
+            if not (name.startswith("render.") and alike(returned, self.expected)):
+                return f"other bits: {wrong[:4]}", "accepted"
         if name not in RECORDS:
             worse = not_numbers(returned) - not_numbers(self.expected)
             if worse:

@@ -11,6 +11,7 @@ import functools
 import inspect
 import operator
 import os
+import types
 from collections.abc import Callable, Mapping, Sequence, Sized
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -393,6 +394,9 @@ def _checked_kind(name: str, value: object, kind: str, scope: Mapping[str, objec
         named = {_checked_by(f"{name}: a key", key, of_key, scope): one for key, one in value.items()}
         return {key: _checked_by(f"{name}[{shown(key)}]", one, of_value, scope) for key, one in named.items()}
     known = scope.get(kind)
+    if isinstance(known, types.UnionType):
+        # An alias of several annotations.
+        return _checked_by(name, value, str(known).replace("collections.abc.", ""), scope)
     if getattr(known, "_is_protocol", False):
         lacking = [method for method in vars(known) if not method.startswith("_") and not hasattr(value, method)]
         if lacking or isinstance(value, type):

@@ -112,7 +112,7 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
         If ``folder`` can't be made or written to, a file would replace a folder or the other way round, a file that was read
         would be replaced, or writing fails.
     """
-    folder = Path(folder)
+    folder = check_folder(folder)
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
     for made in missing:
         tell_made(made)

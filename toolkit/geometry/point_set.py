@@ -97,6 +97,11 @@ class PointSet:
         PointSet
             The chosen points, with the same notes.
 
+        Raises
+        ------
+        InputError
+            If ``chosen`` is neither a mask of all points nor numbers of some.
+
         Examples
         --------
         >>> import numpy as np
@@ -197,6 +202,11 @@ class GeometryTexture:
         Distance of samples: 1 over the root of their number per unit of area.
     notes : tuple of str, optional
         What was found, estimated or repaired, as sentences for the user. Default none.
+
+    Raises
+    ------
+    InputError
+        If a field is of another type or shape, or the bounds are not a least and a greatest corner.
 
     See Also
     --------

@@ -38,6 +38,11 @@ class SmoothBase(Base):
     device : str or None, optional
         Where nearest points are searched: "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.
 
+    Raises
+    ------
+    InputError
+        If the arrays are no mesh with normals, the scale is not above 0, or the device does not exist.
+
     Examples
     --------
     >>> import numpy as np

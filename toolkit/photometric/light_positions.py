@@ -85,6 +85,11 @@ def tilt_and_slant(lights: Array) -> tuple[Array, Array]:
     slant : (...) float64 array
         Angles in degrees in [0, 180] from the line of sight.
 
+    Raises
+    ------
+    InputError
+        If the lights are not finite vectors (..., 3).
+
     See Also
     --------
     intaglio.light_direction : The reverse.

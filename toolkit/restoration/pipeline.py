@@ -56,6 +56,11 @@ class Restoration:
     notes : tuple of str
         What was chosen, in words.
 
+    Raises
+    ------
+    InputError
+        If an array is of another type or shape.
+
     See Also
     --------
     intaglio.restore : Makes one.

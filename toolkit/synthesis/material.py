@@ -394,8 +394,12 @@ def read_material(folder: PathLike) -> Material:
     {'color': (30, 30, 3), 'displacement': (30, 30)}
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise FileError(f"{folder}: {'is a file, a folder of maps is needed' if folder.exists() else 'no such folder'}")
+    try:
+        is_folder, exists = folder.is_dir(), folder.exists()
+    except OSError as error:
+        raise FileError(f"{folder}: is no usable folder name ({error.strerror})") from error
+    if not is_folder:
+        raise FileError(f"{folder}: {'is a file, a folder of maps is needed' if exists else 'no such folder'}")
     files, notes = _chosen(folder)
     if not files:
         raise FileError(f"{folder}: no image in it is named like a map of a material, such as wood_color.png or wood_normal.png")

@@ -31,6 +31,11 @@ class Synthesis:
     notes : tuple of str
         What was chosen, in words.
 
+    Raises
+    ------
+    InputError
+        If an array is of another type or shape, or ``source`` has negative positions.
+
     See Also
     --------
     intaglio.quilt, intaglio.grow, intaglio.synthesize : Make one.
@@ -71,6 +76,11 @@ class Synthesis:
         -------
         array
             Of the result's rows and columns.
+
+        Raises
+        ------
+        InputError
+            If the sample is smaller than the result's positions reach.
 
         Examples
         --------
