@@ -123,8 +123,8 @@ def geometry_from_points(
     measured = float(np.median(local_spacing(positions)))
     if not measured > _CLOSEST * extent:
         raise InputError(
-            f"half of the points are within {measured:.3g} of another one, though all extend over {extent:.3g}: they are copies of "
-            "few points; leave these out"
+            f"half of the points are within {measured:.3g} of another one, though all extend over {extent:.3g}: they are copies "
+            "of few points; leave these out"
         )
     if directions is None:
         directions, note = estimate_normals(positions, height_axis, measured)
