@@ -153,7 +153,8 @@ def extend(
     """Make a large piece of geometry texture from SWATCH: points with normals, a mesh, or a height map.
 
     Points are .las, .laz, .e57, .pts, .ptx, .pcd, .xyz, .txt, .csv, .asc, .ply or .obj; meshes .ply, .obj, .stl, .off, .gltf
-    or .glb; height maps .png, .tif, .exr or .jpg. Along the plane u and v are x and y; with --axis x they are y and z, with --axis y z and x.
+    or .glb; height maps .png, .tif, .exr or .jpg. Along the plane u and v are x and y; with --axis x they are y and z, with
+    --axis y z and x.
 
     Each point of the result says in the PLY which swatch point it is (source), how far it was moved to fit (moved) and which
     patch laid it (patch).

@@ -302,7 +302,7 @@ def _open_missing_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    sys.stdout = _Unbroken(sys.stdout or open(os.devnull, "w"))  # type: ignore[assignment]  # noqa: SIM115
+    sys.stdout = _Unbroken(sys.stdout or open(os.devnull, "w"))  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
 

@@ -172,6 +172,8 @@ def read_uv_mesh(path: PathLike) -> tuple[Array, Array, Array]:
         vertex, faces, uv = raw.split_at_seams()
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+    if not np.isfinite(raw.vertices[vertex]).all():
+        raise InputError(f"{path}: has vertices that are not finite: mend it (intaglio.mend_surface)")
     return raw.vertices[vertex], faces, uv
 
 

@@ -57,8 +57,8 @@ def read_gltf(path: Path) -> RawMesh:
             loaded = trimesh.load(source, file_type=kind, process=False, maintain_order=True, force="scene")
             parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)]
             clouds = [part for part in loaded.dump() if isinstance(part, trimesh.PointCloud)]
-    except MemoryError:
-        raise
+    except MemoryError as error:
+        raise InputError("there is not enough memory to read it") from error
     except Exception as error:
         raise FileError(f"{path}: can't be read as glTF ({type(error).__name__}: {_said(error)})") from error
     if not parts and not clouds:

@@ -218,7 +218,7 @@ def _columns(heading: list[str], width: int) -> dict[str, Array] | None:
     """Return the places of what a heading's last line of names lists, or None if there is no such line."""
     for line in reversed(heading):
         # Names are parted as the columns are; units in brackets, signs and digits don't count.
-        parts = re.split(r"[,;\t]" if re.search(r"[,;\t]", line) else r"\s+", re.sub(r"\(.*?\)|\[.*?\]", "", line).strip())
+        parts = re.split(r"[,;\t]" if re.search(r"[,;\t]", line) else r"\s+", re.sub(r"\([^()]*\)|\[[^][]*\]", "", line).strip())
         words = [re.sub(r"[^a-z]", "", part.lower()) for part in parts]
         found = {_NAMES[word]: place for place, word in reversed(list(enumerate(words))) if word in _NAMES and place < width}
         if {0, 1, 2} <= set(found):
@@ -323,6 +323,8 @@ def read_ptx(path: Path) -> PointFile:
         scan += [len(stood)] * len(rows)
         stood.append(matrix[3, :3])
         at += 10 + cells
+    if not parts:
+        raise InputError("holds no points")
     width = min(rows.shape[1] for rows in parts)
     table = np.concatenate([rows[:, :width] for rows in parts])
     notes = [f"{named(empty, 'cell')} of its grids without a point"] if empty else []

@@ -114,7 +114,7 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict:
                 return _from_points(read_point_file(path), view)
             return _surface_of(reader(path), view, strict)
     except InputError as error:
-        raise _named(error, path) from error
+        raise InputError(_with_name(error, path)) from error
 
 
 def read_mesh_file(path: PathLike) -> RawMesh:
@@ -135,12 +135,13 @@ def read_mesh_file(path: PathLike) -> RawMesh:
         with np.errstate(all="ignore"):
             return reader(path)
     except InputError as error:
-        raise _named(error, path) from error
+        raise InputError(_with_name(error, path)) from error
 
 
-def _named(error: InputError, path: Path) -> InputError:
-    """Return an error whose message begins with the file's name."""
-    return error if str(error).startswith(str(path)) else InputError(f"{path}: {error}")
+def _with_name(error: InputError, path: Path) -> str:
+    """Return an error's message with the file's name before it."""
+    said = str(error)
+    return said if said.startswith(str(path)) else f"{path}: {said}"
 
 
 def _reader_of(path: Path) -> Callable[[Path], RawMesh] | None:
@@ -328,6 +329,8 @@ def _own_surface(ply: Ply, path: Path) -> Surface:
         return found
 
     raw = _raw_from_ply(ply, path)
+    if len(raw.vertices) == 0:
+        raise InputError("holds no vertices")
     names = ply.elements["vertex"]
     optional = {n: columns(n)[:, 0] for n in ("rotation", "error", "file_vertex") if n in names}
     foot, normals = columns("base_x", "base_y", "base_z"), columns("nx", "ny", "nz")

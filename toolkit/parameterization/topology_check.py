@@ -58,7 +58,8 @@ def classify_topology(surface: Surface) -> Kind:
     flat = np.flatnonzero(~(doubled_areas(vertices / scale, faces) > _FLAT * longest / scale**2))
     if len(flat):
         raise InputError(
-            f"{len(flat)} triangles have no area, the first is face {flat[0]}; intaglio.mend_surface(surface) has their neighbours take them up"
+            f"{len(flat)} triangles have no area, the first is face {flat[0]}; intaglio.mend_surface(surface) has their "
+            "neighbours take them up"
         )
     keys = edge_keys(directed_edges(faces), len(vertices))
     if len(np.unique(keys)) < len(keys):
@@ -68,7 +69,10 @@ def classify_topology(surface: Surface) -> Kind:
     topology = Topology.of(faces, len(vertices))
     fans = np.diff(topology.offsets) - np.diff(topology.face_offsets)
     if (fans > 1).any():
-        raise InputError(f"at vertex {int(np.argmax(fans))} the surface touches itself in a point; intaglio.mend_surface(surface) gives each part its own vertex")
+        raise InputError(
+            f"at vertex {int(np.argmax(fans))} the surface touches itself in a point; intaglio.mend_surface(surface) gives each "
+            "part its own vertex"
+        )
     number, _ = pieces(faces, len(vertices))
     loops = border_loops(faces)
     lengths = [float(np.linalg.norm(vertices[loop] - vertices[np.roll(loop, -1)], axis=1).sum()) for loop in loops]

@@ -395,7 +395,8 @@ def table_lines(facts: Sequence[ImageFacts]) -> list[str]:
     for one in facts:
         tilt, slant = (float(a) for a in tilt_and_slant(one.light)) if np.isfinite(one.light).all() else (np.nan, np.nan)
         name = one.name if len(one.name) <= width else f"…{one.name[1 - width :]}"
-        over_cosine = one.mean / one.light[2] if one.light[2] > 0 else np.nan
+        with np.errstate(over="ignore"):
+            over_cosine = one.mean / one.light[2] if one.light[2] > 0 else np.nan
         cells = [
             f"{one.number:>4} {name:<{width}}",
             *(f"{v:>5.1f}" if np.isfinite(v) else f"{'-':>5}" for v in (tilt, slant)),

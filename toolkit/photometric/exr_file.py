@@ -18,7 +18,7 @@ from intaglio.photometric.bases import (
     coefficients,
 )
 from intaglio.photometric.interpolation import CHARTS, KERNELS, TRENDS, GridBasis, RadialBasis, TriangleBasis
-from intaglio.photometric.relightable import Relightable
+from intaglio.photometric.relightable import LARGEST, Relightable
 
 ATTRIBUTE = "intaglioRelightable"
 VERSION = 1
@@ -107,8 +107,8 @@ def basis_from_parameters(parameters: dict[str, object]) -> Basis:
         raise InputError(f"basis {name!r} has too few or too many parameters ({error})") from error
     _check(basis)
     lights = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8], [-0.48, 0.64, 0.6], [0.0, -0.96, 0.28]])
-    if not np.isfinite(coefficients(basis, lights)).all():
-        raise InputError(f"basis {name!r} gives coefficients that are not finite")
+    if not (np.abs(coefficients(basis, lights)) <= LARGEST).all():
+        raise InputError(f"basis {name!r} gives coefficients that are not finite, or over {LARGEST:g}")
     return basis
 
 

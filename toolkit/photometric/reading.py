@@ -250,17 +250,18 @@ class _Photographs:
             if samples is None:
                 continue
             kind = kind_of(samples, self.gain)
-            if taken is None:
-                taken = _Taken(self, kind, len(facts))
-            if strict and kind != taken.kind:
-                raise mismatch(one.name, kind, taken.kind)
+            first = next(iter(kinds), kind)
+            if strict and kind != first:
+                raise mismatch(one.name, kind, first)
             kinds.setdefault(kind, []).append(one)
-            if kind == taken.kind:
+            if taken is None and (self.mask is None or self.mask.shape == (kind.rows, kind.columns)):
+                taken = _Taken(self, kind, len(facts))
+            if taken is not None and kind == taken.kind:
                 taken.add(one, samples, strict or one.number in kept)
-        if taken is None:
+        if not kinds:
             raise FileError(f"{wanted[0].name}: {wanted[0].remark}; no photograph can be read")
         usual = max(kinds, key=lambda kind: len(kinds[kind]))
-        if usual != taken.kind:
+        if taken is None or usual != taken.kind:
             # The first photograph was the odd one.
             taken = _Taken(self, usual, len(facts))
             for one in kinds[usual]:
@@ -296,7 +297,10 @@ class _Taken:
         reading = photographs.reading
         shape = (count, kind.rows, kind.columns, 1 if reading.gray else kind.channels)
         if photographs.mask is not None:
-            checked_stack_mask(photographs.mask, shape[1:3])
+            try:
+                checked_stack_mask(photographs.mask, shape[1:3])
+            except InputError as error:
+                raise InputError(f"{photographs.paths[0].parent}: {error}") from error
         mix = (1 / kind.channels,) * kind.channels if reading.gray else None
         self.kind = kind
         self.files = ImageFiles(photographs.paths, shape, kind.dtype, photographs.decode, photographs.gain, mix)

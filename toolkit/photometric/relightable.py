@@ -16,6 +16,9 @@ from intaglio.photometric.stack import checked_lights
 
 KINDS = ("3i", "gradient", "ptm", "hsh", "eigen3", "eigen6", "rbf", "height")
 
+# Maps, chroma and coefficients within this multiply to what single precision holds.
+LARGEST = 1e12
+
 
 @dataclass(frozen=True)
 class Relightable:
@@ -91,6 +94,8 @@ class Relightable:
         with np.errstate(over="ignore", invalid="ignore"):
             if not np.isfinite(maps.sum(dtype=np.float64)) and not np.isfinite(maps).all():
                 raise InputError("maps have values that are not finite (NaN or infinite)")
+            if max(maps.max(), -maps.min()) > LARGEST:
+                raise InputError(f"maps have values over {LARGEST:g}: images would not be finite")
         object.__setattr__(self, "maps", maps)
         if self.chroma is not None and (maps.shape[3] != 1 or self.chroma.shape != (*maps.shape[1:3], 3)):
             raise InputError(f"chroma {self.chroma.shape} does not fit maps {maps.shape}: it is (H, W, 3), beside one channel")
@@ -102,6 +107,8 @@ class Relightable:
                 raise InputError(f"{name} is {plane.shape}, the maps are {maps.shape[1:3]}")
             if plane is not None and not np.isfinite(plane).all():
                 raise InputError(f"{name} has values that are not finite (NaN or infinite)")
+        if self.chroma is not None and np.abs(self.chroma).max() > LARGEST:
+            raise InputError(f"chroma has values over {LARGEST:g}: images would not be finite")
 
     @property
     def shape(self) -> tuple[int, int, int]:

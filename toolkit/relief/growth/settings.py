@@ -153,9 +153,8 @@ class ReliefSettings:
         if self.error is not None:
             put("error", checked_positive("error", self.error))
         put("levels", checked_count("levels", self.levels, 1, _MOST_LEVELS))
-        if self.refine is None:
-            put("refine", 0 if self.metric == "surface" or self.bootstrap else _PASSES)
-        put("refine", checked_count("refine", self.refine, 0, _MOST_PASSES))
+        allowed = 0 if self.metric == "surface" or self.bootstrap else _PASSES
+        put("refine", checked_count("refine", allowed if self.refine is None else self.refine, 0, _MOST_PASSES))
         if self.color_weight is not None:
             put("color_weight", _color_share(self.color_weight))
         for name, known in (("metric", METRICS), ("order", ORDERS), ("search", SEARCHES), ("engine", ENGINES)):
