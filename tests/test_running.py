@@ -232,3 +232,81 @@ def test_long_work_says_so_where_there_is_no_terminal(monkeypatch, capfd, kind):
     finally:
         be_quiet(False)
     assert capfd.readouterr().err == ""
+
+
+def picture(path, color=(255, 0, 0)):
+    from PIL import Image
+
+    Image.new("RGB", (16, 16), color).save(path)
+
+
+def sphere_pictures(folder):
+    """Photographs, and pictures of a mirror sphere that lies on them."""
+    for name in ("sp", "im"):
+        (folder / name).mkdir()
+    y, x = np.mgrid[:40, :40] - 19.5
+    for k in range(4):
+        image = np.where(x**2 + y**2 < 14**2, 0.3, 0.0)
+        image[16 + 2 * k : 19 + 2 * k, 20 - 2 * k : 23 - 2 * k] = 1.0
+        intaglio.write_image(image, folder / "sp" / f"s{k}.png")
+        intaglio.write_image(np.full((8, 8), 0.1 + 0.1 * k), folder / "im" / f"p{k}.png")
+    return ["represent", folder / "im", "--sphere", folder / "sp", "--circle", "19.5,19.5,14", "-o", folder / "sp" / "s0.exr"]
+
+
+def named_by_gltf(folder):
+    from test_mesh_files import gltf
+
+    gltf(folder / "m.gltf")
+
+
+@pytest.mark.usefixtures("guarded")
+def test_materials_and_pictures_of_an_input_are_not_replaced_by_an_outputs(tmp_path):
+    picture(tmp_path / "out.png")
+    (tmp_path / "out.mtl").write_text("newmtl a\nmap_Kd out.png\n")
+    text = "mtllib out.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
+    (tmp_path / "in.obj").write_text(text)
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    surface = intaglio.read_surface(tmp_path / "in.obj")
+    for name in ("out.obj", "out.ply"):
+        with pytest.raises(intaglio.FileError, match="never overwritten"):
+            surface.write(tmp_path / name)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("case", ["gltf", "texture file", "relight", "synthesize", "sphere"])
+def test_files_that_inputs_name_are_not_replaced(tmp_path, run, case):
+    """What was found by attack: files that only a reader knows of, and an input that is an output of the same name."""
+    target = tmp_path / "my wall.png"
+    picture(target)
+    words = ["-o", target]
+    if case in ("gltf", "relight"):
+        named_by_gltf(tmp_path)
+        stack = intaglio.PhotometricStack(np.random.default_rng(0).random((6, 4, 4, 1)), LIGHTS)
+        intaglio.write_relightable(intaglio.represent(stack, "ptm"), tmp_path / "t.exr")
+        words = (
+            ["render", tmp_path / "m.gltf", "--samples", 1, "--size", "8x8", *words]
+            if case == "gltf"
+            else ["relight", tmp_path / "t.exr", "--mesh", tmp_path / "m.gltf", "--samples", 1, "--size", "8x8", *words]
+        )
+    elif case == "texture file":
+        head = "ply\nformat ascii 1.0\ncomment TextureFile my wall.png\nelement vertex 3\n"
+        head += "".join(f"property float {c}\n" for c in ("x", "y", "z", "s", "t"))
+        head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+        (tmp_path / "m.ply").write_text(head)
+        words = ["render", tmp_path / "m.ply", "--samples", 1, "--size", "8x8", *words]
+    elif case == "synthesize":
+        words = ["synthesize", target, "--size", "32x32", *words]
+    else:
+        words = sphere_pictures(tmp_path)
+        target = tmp_path / "sp" / "s0.exr"
+        (tmp_path / "sp" / "s0.png").rename(target.with_suffix(".bin"))
+        intaglio.write_exr({"Y": intaglio.read_image(tmp_path / "sp" / "s1.png")}, target)
+    before = target.read_bytes()
+    status, _, errors = run(*words)
+    assert status == 2, errors
+    assert target.read_bytes() == before
+    assert [line for line in errors.splitlines() if line.startswith("intaglio: ")] == errors.splitlines()[-1:]
+    assert "never overwritten" in errors
+
+
+LIGHTS = [[0, 0, 1], [0.5, 0, 0.8], [0, 0.5, 0.8], [-0.5, 0, 0.8], [0, -0.5, 0.8], [0.4, 0.4, 0.8]]

@@ -180,5 +180,5 @@ def _opaque(image: Array) -> Array:
 
 def run_command() -> int:
     """Run the command that the arguments name, and return its exit status."""
-    done = cli.main(standalone_mode=False)
+    done = cli.main(prog_name="intaglio", standalone_mode=False)
     return done if isinstance(done, int) else 0

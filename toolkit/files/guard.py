@@ -15,6 +15,8 @@ from intaglio.errors import FileError
 
 # Files that were read while inputs are guarded, by device and number: whatever name or link leads to one.
 _read: set[tuple[int, int]] = set()
+_planned: set[tuple[int, int]] = set()
+_REFUSED = "{}: is one of the inputs; inputs are never overwritten, give another output"
 _guarding = False
 _hooked = False
 
@@ -32,6 +34,7 @@ def guard_inputs(on: bool = True) -> None:
     global _guarding, _hooked
     _guarding = on
     _read.clear()
+    _planned.clear()
     if on and not _hooked:
         # There is no way to remove a hook; it does nothing while inputs are not guarded.
         sys.addaudithook(_notice)
@@ -45,15 +48,26 @@ def _notice(event: str, arguments: tuple[Any, ...]) -> None:
     path, mode, flags = arguments
     reading = "r" in mode if isinstance(mode, str) else not (isinstance(flags, int) and flags & (os.O_WRONLY | os.O_CREAT))
     if reading and not (isinstance(mode, str) and "+" in mode) and isinstance(path, str | bytes | os.PathLike):
-        note_read(os.fsdecode(path))
+        identity = _identity(os.fsdecode(path))
+        if identity is not None:
+            _read.add(identity)
 
 
 def note_read(path: PathLike) -> None:
-    """Remember a file as one that was read."""
+    """Remember a file as one that is read, or raise `FileError` if it is to be written: before the work, not after it."""
     if _guarding:
         identity = _identity(path)
         if identity is not None:
             _read.add(identity)
+            if identity in _planned:
+                raise FileError(_REFUSED.format(path))
+
+
+def note_planned(path: PathLike) -> None:
+    """Remember a file that is to be written, if there is one to be replaced."""
+    identity = _identity(path) if _guarding else None
+    if identity is not None:
+        _planned.add(identity)
 
 
 def forget_read(path: PathLike) -> None:
@@ -64,7 +78,7 @@ def forget_read(path: PathLike) -> None:
 def check_not_read(path: PathLike) -> None:
     """Raise `FileError` if writing ``path`` would replace a file that was read."""
     if _guarding and _identity(path) in _read:
-        raise FileError(f"{path}: is one of the inputs; inputs are never overwritten, give another output")
+        raise FileError(_REFUSED.format(path))
 
 
 def _identity(path: PathLike) -> tuple[int, int] | None:

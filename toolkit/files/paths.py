@@ -12,7 +12,7 @@ from pathlib import Path
 from intaglio.arrays import PathLike
 from intaglio.checks import checked_path
 from intaglio.errors import FileError
-from intaglio.files.guard import check_not_read, forget_read, note_read, settling, tell_made, unfinished
+from intaglio.files.guard import check_not_read, forget_read, note_planned, note_read, settling, tell_made, unfinished
 
 
 def check_readable(path: PathLike) -> Path:
@@ -60,6 +60,7 @@ def check_writable(path: PathLike, *, inputs: tuple[PathLike, ...] = ()) -> Path
         if path.exists() and Path(given).exists() and os.path.samefile(path, given):
             raise FileError(f"{path}: is the input itself; inputs are never overwritten, give another output")
     check_not_read(path)
+    note_planned(path)
     if path.exists() and not path.is_file():
         raise FileError(f"{path}: is no ordinary file but a device or pipe; give the name of a file")
     try:
