@@ -17,7 +17,7 @@ from intaglio.files import check_readable
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.base import Base, Cylinder, Plane, Sphere
 from intaglio.mesh.gltf_file import picture_of, read_gltf
-from intaglio.mesh.mending import mend_faces
+from intaglio.mesh.mending import mend_faces, mend_surface
 from intaglio.mesh.obj_file import find_beside, read_obj
 from intaglio.mesh.off_file import read_off
 from intaglio.mesh.ply_file import Lists, Ply, read_ply
@@ -106,12 +106,12 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict:
             if path.suffix.lower() == ".ply":
                 ply = read_ply(path)
                 if "range_grid" in ply.elements:
-                    return _from_range_grid(ply, view)
+                    return _joined(_from_range_grid(ply, view), strict)
                 if _is_own(ply):
                     return _own_surface(ply, path)
                 return _surface_of(_raw_from_ply(ply, path), view, strict)
             if reader is None:
-                return _from_points(read_point_file(path), view)
+                return _joined(_from_points(read_point_file(path), view), strict)
             return _surface_of(reader(path), view, strict)
     except InputError as error:
         raise InputError(_with_name(error, path)) from error
@@ -150,6 +150,12 @@ def _reader_of(path: Path) -> Callable[[Path], RawMesh] | None:
     if kind not in _readers and kind not in POINT_FILES:
         raise FileError(f"{path}: unknown mesh type {path.suffix!r}; known: {', '.join(sorted({*_readers, *POINT_FILES}))}")
     return _readers.get(kind)
+
+
+def _joined(scan: Surface, strict: bool) -> Surface:
+    """Return a triangulated scan, mended where points in a line or in one place made faces that don't join."""
+    mended = mend_surface(scan, strict=strict)
+    return scan if mended is scan else replace(mended, file_vertex=None)
 
 
 def _from_points(found: PointFile, view: Sequence[float] | None) -> Surface:

@@ -21,6 +21,8 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 # A name, which may hold blanks, and three numbers.
 _ENTRY = re.compile(rf"(?:(.*?)[\s,;]+)?({_NUMBER})[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})[\s,;]*")
 _LONGEST_LINE = 4096
+# Degrees of more turns than this are no angle that anybody meant.
+_LARGEST_ANGLE = 3600.0
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 
 
@@ -302,6 +304,8 @@ def _vector_of(cells: list[str], decimal_comma: bool) -> Array:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3) or not np.isfinite(numbers).all() or (len(numbers) == 3 and not any(numbers)):
+        return np.full(3, np.nan)
+    if len(numbers) == 2 and max(map(abs, numbers)) > _LARGEST_ANGLE:
         return np.full(3, np.nan)
     return unit_directions(light_direction(*numbers) if len(numbers) == 2 else np.array(numbers))
 
