@@ -19,6 +19,8 @@ _CHUNK, _PER_POINT = 1_000_000, 200
 _DENSEST = 64
 # Layers of LAZ's items in point formats from 6 on; extra bytes have one each.
 _LAYERS, _EXTRA_BYTES = {10: 9, 11: 1, 12: 2, 13: 1}, 14
+# A number of points a chunk that says that the table of chunks has it.
+_CHUNKS_DIFFER = 0xFFFFFFFF
 # Classes of noise in LAS, low and high.
 _NOISE = (7, 18)
 _LAS_NORMALS = (("normalx", "normaly", "normalz"), ("nx", "ny", "nz"))
@@ -95,6 +97,10 @@ def _check_chunks(lazrs: Any, path: Path, header: Any) -> None:
     """Raise `FileError` unless compressed chunks, and the layers of each, lie in the file: room is made for what they declare."""
     record = bytes(header.vlrs.get("LasZipVlr")[0].record_data)
     first, size = header.offset_to_point_data, path.stat().st_size
+    many = int.from_bytes(record[12:16], "little")
+    if many != _CHUNKS_DIFFER:
+        # Room for one is made at once.
+        check_memory(path, many, f"a compressed chunk of {many} points")
     layers, point = 0, 0
     for kind, wide, _ in struct.iter_unpack("<HHH", record[34 : 34 + 6 * struct.unpack_from("<H", record, 32)[0]]):
         layers += wide if kind == _EXTRA_BYTES else _LAYERS.get(kind, 0)
