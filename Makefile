@@ -7,7 +7,7 @@ SOURCES := $(shell find toolkit kernels render scenes -name '*.py' -not -path '*
 # A strict editable install maps single files: it is renewed when pyproject.toml or the list of files changes.
 STAMP := $(VENV)/.installed-$(shell (echo $(SOURCES); cat pyproject.toml) | cksum | cut -d' ' -f1)
 
-.PHONY: demo scenes test test-all lint bench clean docs install package
+.PHONY: demo scenes test test-all fuzz lint bench clean docs install package
 
 install: $(STAMP)
 
@@ -31,6 +31,12 @@ test: install
 
 test-all: install
 	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+# Spoiled files for every reader, for so many seconds; the same seed gives the same files.
+SECONDS ?= 300
+SEED ?= 0
+fuzz: install
+	$(BIN)/python tests/fuzzing.py --seconds $(SECONDS) --seed $(SEED)
 
 lint: install
 	$(BIN)/ruff check .
