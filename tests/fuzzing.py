@@ -34,6 +34,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -279,7 +280,8 @@ def judge(call: Callable[[Path], object], folder: Path, entry: str) -> Verdict:
 
 def origin(frames: traceback.StackSummary) -> str:
     """Return the innermost line of the package in a stack."""
-    own = [f for f in frames if "/toolkit/" in f.filename or "/intaglio/" in f.filename] or frames
+    own = [f for f in frames if "/toolkit/" in f.filename or "/intaglio/" in f.filename]
+    own = own or [f for f in frames if Path(f.filename).name != "warnings.py"]
     return f"{Path(own[-1].filename).name}:{own[-1].lineno}"
 
 
@@ -482,7 +484,9 @@ def fuzz(seed: int, out: Path, *, count: int | None = None, seconds: float | Non
                     record(answer, place)
         finally:
             worker.stop()
-            tally.faulty_seeds += worker.faulty[: 10**6 if not tally.faulty_seeds else 0]
+            with lock:
+                # All workers find the same.
+                tally.faulty_seeds = tally.faulty_seeds or worker.faulty
 
     def record(answer: dict, place: Path) -> None:
         tally.counts[answer["target"], answer["outcome"]] += 1
@@ -500,12 +504,8 @@ def fuzz(seed: int, out: Path, *, count: int | None = None, seconds: float | Non
         if len(alike) == 1:
             print(f"{answer['target']}: {answer['kind']}\n    {answer['repeat']}", flush=True)
 
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
-        threads = [threading.Thread(target=serve, args=(Path(folder, str(k)),)) for k in range(jobs)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as folder, ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(serve, [Path(folder, str(k)) for k in range(jobs)]))
     return tally
 
 
