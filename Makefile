@@ -44,6 +44,7 @@ lint: install
 	$(BIN)/mypy
 
 bench: install
+	@$(BIN)/python -m tests.benchmarks.reading
 	@$(BIN)/python -m tests.benchmarks.relief
 	@$(BIN)/python -m tests.benchmarks.photometric
 	@$(BIN)/python -m tests.benchmarks.synthesis

@@ -95,7 +95,7 @@ def test_render_compare_info(monkeypatch, capsys, scan_file, tmp_path):
         (("render", "SCAN", "-o", "a.png", "--size", "big"), "WIDTHxHEIGHT"),
         (("render", "SCAN", "-o", "a.png", "--direction", "0,0,0"), "not be all zero"),
         (("render", "SCAN", "-o", "a.bmp"), "unknown image type"),
-        (("compare", "SCAN", "SCAN"), "unknown image type"),
+        (("compare", "SCAN", "SCAN"), "is a PLY mesh, no image"),
         (("info", "Makefile.txt"), "no such file"),
         (("polish", "SCAN"), "No such command"),
         (("render", "SCAN", "-o", "a.png", "--slant", "nan"), "finite"),
@@ -155,7 +155,7 @@ def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
     assert status == 0, err
     assert "2 lights" in out
     assert "light slant 0.0 to 45.0" in out
-    assert "1 of its 2 images are missing" in out
+    assert "only 1 of 2 photographs can be used: b b.png: missing" in out
     intaglio.write_image(np.full((4, 6, 3), 0.5), tmp_path / "b b.png")
     status, out, err = run(monkeypatch, capsys, "info", tmp_path / "capture.lp")
     assert status == 0, err
@@ -207,11 +207,16 @@ def test_a_filling_is_looked_at_close_up(monkeypatch, capsys, scan_file, tmp_pat
     at = ",".join(f"{v:.3f}" for v in whole.vertices[~whole.measured].mean(axis=0))
     same = blue("same.png", tmp_path / "whole.ply", "--look-at", at, "--zoom", 3)
     assert same.mean() > 3 * far.mean()
+    rendered(
+        monkeypatch, capsys, tmp_path / "whole.ply", tmp_path / "x.png", "--direction", "1e308,0,1e308", "--up", "0,1e-310,0"
+    )
+    (tmp_path / "x.png").unlink()
     for words, said in (
         (("--hole", 9), "no filling 9: it has 1"),
         (("--hole", 1, "--look-at", "0,0,0"), "give one of them"),
         (("--zoom", -1), "zoom"),
         (("--direction", "0,0,0"), "all zero"),
+        (("--look-at", "1e300,0,0"), "far off"),
     ):
         status, _, err = run(monkeypatch, capsys, "render", tmp_path / "whole.ply", "-o", tmp_path / "x.png", *words)
         assert status == 2

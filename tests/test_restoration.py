@@ -243,7 +243,7 @@ def test_strips():
         ({"missing": np.zeros((5, 5), bool)}, "missing"),
         ({"image": np.full((96, 128), np.nan)}, "not finite"),
         ({"image": np.zeros((96, 128, 40))}, "at most 16"),
-        ({"image": "picture"}, "real numbers"),
+        ({"image": "picture"}, "array of numbers"),
         ({"method": "magic"}, "method"),
         ({"levels": 0}, "levels"),
         ({"orientations": 4}, "orientations must be 1"),

@@ -15,6 +15,8 @@ from intaglio.render import Viewpoint, frame
 
 # A hole and so much around it, in its radii, fills the picture.
 _AROUND = 1.8
+# So many times the mesh's size off its middle there is nothing to look at.
+_FAR = 10.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class CloseUp:
         used = np.unique(surface.faces)
         if len(used) == 0:
             raise InputError(f"{mesh}: has no faces, there is nothing to render")
-        direction = np.array((0.0, 0.0, 1.0) if self.direction is None else self.direction)
+        direction = _of_usual_length((0.0, 0.0, 1.0) if self.direction is None else self.direction)
         target, zoom = self.look_at, self.zoom
         if self.hole is not None:
             rim = _around_hole(mesh, surface, self.hole)
@@ -70,16 +72,25 @@ class CloseUp:
             whole = float(np.linalg.norm(points - (points.min(axis=0) + points.max(axis=0)) / 2, axis=1).max())
             zoom = max(whole / (_AROUND * max(radius, 1e-300)), 1.0) * (1.0 if zoom is None else zoom)
         try:
-            camera = frame(surface.vertices[used], direction, up=np.array(self.up), margin=1.05)
+            camera = frame(surface.vertices[used], direction, up=_of_usual_length(self.up), margin=1.05)
         except ValueError as error:
             raise InputError(f"{mesh}: {error}") from error
         if target is not None:
+            low, high = surface.vertices[used].min(axis=0), surface.vertices[used].max(axis=0)
+            if not (np.abs(np.subtract(target, (low + high) / 2)) <= _FAR * np.linalg.norm(high - low)).all():
+                bounds = " to ".join(",".join(f"{v:.6g}" for v in end) for end in (low, high))
+                raise InputError(f"--look-at {','.join(f'{v:g}' for v in target)} is far off {mesh}, which reaches from {bounds}")
             shift = np.subtract(target, camera.target)
             camera = replace(camera, origin=_moved(camera.origin, shift), target=_moved(camera.target, shift))
         if zoom is not None:
             # A longer lens from the same place: nothing comes between that was behind the eye.
             camera = replace(camera, fov=float(np.degrees(2 * np.arctan(np.tan(np.radians(camera.fov) / 2) / zoom))))
         return camera
+
+
+def _of_usual_length(vector: tuple[float, ...]) -> Array:
+    """Return a vector of any length but zero, whose square may not be a number, as one of about 1."""
+    return np.asarray(np.array(vector) / np.abs(vector).max())
 
 
 def _moved(point: tuple[float, float, float], shift: Array) -> tuple[float, float, float]:

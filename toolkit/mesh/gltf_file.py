@@ -14,8 +14,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError
-from intaglio.files import check_memory, check_readable
-from intaglio.files.quiet import hushed
+from intaglio.files import check_memory, check_readable, hushed
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.raw_mesh import RawMesh
 

@@ -103,9 +103,10 @@ def _tangents_of_half_angles(chart: Chart) -> Array:
         p, q = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
         lengths = np.linalg.norm(p, axis=1) * np.linalg.norm(q, axis=1)
         cross = np.linalg.norm(np.cross(p, q), axis=1)
-        # sin / (1 + cos) where the angle is acute: the other form cancels there.
+        # sin / (1 + cos) where the angle is acute: the other form cancels there, down to nothing over nothing.
         dot = np.einsum("ij,ij->i", p, q)
-        tangent[:, k] = np.where(dot > 0, cross / (lengths + dot), (lengths - dot) / cross)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            tangent[:, k] = np.where(dot > 0, cross / (lengths + dot), (lengths - dot) / cross)
     return tangent
 
 
