@@ -161,7 +161,7 @@ def test_info_of_a_stack(monkeypatch, capsys, tmp_path):
     assert status == 0, err
     assert "stack of 2 images, 6 x 4 pixels, 3 channels" in out
     (tmp_path / "bad.lp").write_text("3\na.png 0 0 1\n")
-    status, _, err = run(monkeypatch, capsys, "info", tmp_path / "bad.lp")
+    status, out, err = run(monkeypatch, capsys, "info", tmp_path / "bad.lp")
     # A wrong number in the first line is taken with a word.
     assert status == 0, err
     assert "its first line declares 3 images, 1 follow and were taken" in out
