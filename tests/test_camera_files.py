@@ -699,3 +699,9 @@ def test_damaged_files_end_in_one_line(folder, write):
                 message = str(problem)
         assert "\n" not in message
         assert len(message) < 1500
+
+
+def test_a_name_that_is_given_twice_is_told_with_the_file(tmp_path):
+    (tmp_path / "sfm_data.json").write_text('{"views": [{"key": 1, "key": 2}]}')
+    with pytest.raises(InputError, match=r"sfm_data\.json: a name is given twice: key"):
+        read_photographs(tmp_path / "sfm_data.json")

@@ -604,3 +604,45 @@ def test_only_our_errors_come_out(kind, four, real, tmp_path):
             said.append(str(error))
     assert len(said) > 20
     assert not [message for message in said if "\n" in message or len(message) > 600]
+
+
+# What fuzzing found
+
+
+def test_names_that_no_file_can_have(four):
+    four.write_text(four.read_text().replace("02.png", "x" * 5000 + ".png"))
+    stack = read_stack(four)
+    assert len(stack.lights) == 3
+    assert any("missing" in note and len(note) < 1000 for note in stack.notes)
+
+
+def test_an_odd_first_photograph_does_not_refuse_a_mask_of_the_others(four):
+    mask = np.zeros((8, 8), np.uint8)
+    mask[2:6] = 255
+    Image.fromarray(mask).save(four.parent / "mask.png")
+    Image.fromarray(np.zeros((5, 9), np.uint8)).save(four.parent / "00.png")
+    stack = read_stack(four)
+    assert stack.shape == (3, 8, 8, 1)
+    assert stack.mask.sum() == 32
+    assert any("00.png" in note for note in stack.notes)
+    Image.fromarray(mask[:4]).save(four.parent / "mask.png")
+    with pytest.raises(InputError, match=rf"{four.parent.name}: the mask is \(4, 8\), the images are \(8, 8\)"):
+        read_stack(four)
+
+
+@pytest.mark.parametrize("angle", ["1e200", "4000"])
+def test_angles_that_nobody_meant(four, angle):
+    lights = f"image;tilt;slant\n00.png;0;40\n01.png;90;40\n02.png;180;{angle}\n03.png;{angle};40\n"
+    lights += "".join(f"0{k}.png;{45 * k};50\n" for k in range(4))
+    (four.parent / "lights.csv").write_text(lights)
+    with pytest.raises(IntaglioError, match=r"lights\.csv"):
+        read_stack(four.parent / "lights.csv", strict=True)
+    assert np.isnan(list_lights_csv(four.parent / "lights.csv").lights[[2, 3]]).all()
+
+
+def test_the_table_of_a_light_at_the_horizon(four):
+    from dataclasses import replace
+
+    _, photographs = examine_capture(four)
+    odd = replace(photographs[0], light=np.array([1, 0, 1e-320]), mean=np.float64(0.5))
+    assert "-" in table_lines([odd])[1]

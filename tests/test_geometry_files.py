@@ -250,3 +250,25 @@ def test_colours_follow_their_points():
     texture = geometry_from_points(points, normals, color=color)
     made = extend_geometry(texture, 30, 10)
     np.testing.assert_array_equal(made.color, color.astype(np.float32)[made.source])
+
+
+def test_copies_that_differ_by_rounding_are_refused(tmp_path):
+    """Their distances vanish beside the extent: of columns of such a width there are more than numbers for them."""
+    rng = np.random.default_rng(0)
+    points = np.repeat(rng.random((3, 3)), 20, axis=0) + 1e-300 * rng.random((60, 3))
+    points[:20] *= 0
+    points[:20] += 1e-300 * rng.random((20, 3))
+    points[20:40] = 1e-290 * rng.random((20, 3))
+    (tmp_path / "a.xyz").write_text("\n".join(" ".join(map(repr, map(float, p))) for p in points))
+    with pytest.raises(InputError, match=r"a\.xyz: half of the points are within .* copies of few points"):
+        read_geometry_texture(tmp_path / "a.xyz")
+
+
+def test_sides_where_a_place_is_a_source(tmp_path):
+    """The distance that stands for none must not vanish when it is raised to the third power."""
+    from intaglio.geometry.winding import turn_outwards
+
+    points, normals = sheet(6)
+    points[1] = points[0]
+    with np.errstate(all="raise"):
+        turn_outwards(points, normals.copy(), np.zeros(36, int), np.zeros(36))

@@ -698,3 +698,17 @@ def test_long_names_are_shortened(tmp_path):
     with pytest.raises(IntaglioError) as caught:
         intaglio.read_image("a\nb\x1b[31m.png")
     assert str(caught.value) == "a b [31m.png: no such file"
+
+
+def test_info_tells_values_that_are_not_finite(run, tmp_path):
+    values = np.full((4, 5), 0.25, np.float32)
+    values[0] = np.nan
+    values[1, 0] = np.inf
+    intaglio.write_exr({"Y": values}, tmp_path / "a.exr")
+    status, said, errors = run("info", tmp_path / "a.exr")
+    assert (status, errors) == (0, "")
+    assert "channel 0: least 0.25, mean 0.25, most 0.25; 0.00% at or over 1, 0.00% at or under 0; 6 values are not finite" in said
+    tifffile.imwrite(tmp_path / "a.tif", np.full((3, 3), -1e308))
+    status, said, errors = run("info", tmp_path / "a.tif")
+    assert (status, errors) == (0, "")
+    assert "channel 0: no value is finite" in said

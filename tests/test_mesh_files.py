@@ -151,6 +151,8 @@ def test_obj(tmp_path):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 x\n", "'x'"),
         ("v 0 0 0\nv 1 zero 0\nv 0 1 0\nf 1 2 3\n", "'zero'"),
         ("v 0 0\nv 1 0\n", "has 2 numbers"),
+        ("v #\nv # 1 0 0\n", "has 0 numbers"),
+        ("v 0 0 0\nv 1  0\nv 0 1\t0 0\n", "has 2 numbers"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/2/3/4 2 3\n", "corners are v, v/vt"),
         ("hello\n", "no vertices"),
         ("\0\0\0\0", "not text"),
@@ -318,3 +320,117 @@ def test_the_vertices_of_the_file_come_back(tmp_path):
     assert whole.file_vertex is not None
     whole.write(tmp_path / "b.ply")
     np.testing.assert_array_equal(intaglio.read_surface(tmp_path / "b.ply").file_vertex, whole.file_vertex)
+
+
+# What fuzzing found
+
+
+@pytest.mark.parametrize("name", ["a.gltf", "a.glb", "a.obj"])
+@pytest.mark.parametrize("damage", [b"GIF89a, say", png()[:40]])
+def test_a_picture_that_cannot_be_read_costs_the_colours_only(tmp_path, name, damage):
+    surface = textured()
+    surface = intaglio.Surface(vertices=surface.vertices, faces=surface.faces, uv=surface.uv, picture=surface.picture)
+    if name == "a.gltf":
+        gltf(tmp_path / name, picture=damage)
+    else:
+        surface.write(tmp_path / name)
+        for path in tmp_path.iterdir():
+            data = path.read_bytes()
+            path.write_bytes(data.replace(png(), damage.ljust(len(png()), b" ")))
+    back = intaglio.read_surface(tmp_path / name)
+    assert len(back.faces) == 2
+    assert back.uv is not None
+    assert back.color is None
+    (note,) = (note for note in back.notes if "without its colours" in note)
+    assert "\n" not in note
+    assert name != "a.obj" or ".png: is " in note
+    assert name == "a.obj" or note.startswith("its picture: is ")
+    assert not list(tmp_path.glob("tmp*"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (set_at("meshes", 0, "primitives", 0, "attributes", "TEXCOORD_0", 0), "TEXCOORD_0 are of type VEC3"),
+        (set_at("meshes", 0, "primitives", 0, "indices", 1), "indices are of type VEC2"),
+        (set_at("buffers", 0, "byteLength", "2.0"), "a buffer is damaged"),
+        (set_at("buffers", 0, "byteLength", float("inf")), "a buffer is damaged"),
+        (set_at("bufferViews", 0, "byteLength", float("inf")), "is damaged"),
+    ],
+)
+def test_gltf_numbers_that_mean_nothing(tmp_path, change, message):
+    with pytest.raises(IntaglioError, match=message) as caught:
+        intaglio.read_surface(gltf(tmp_path / "a.gltf", change))
+    assert str(caught.value).startswith(str(tmp_path / "a.gltf"))
+
+
+def test_gltf_faces_of_vertices_that_are_not_there(tmp_path):
+    path = gltf(tmp_path / "a.gltf")
+    data = (tmp_path / "my data.bin").read_bytes()
+    (tmp_path / "my data.bin").write_bytes(data[:-2] + struct.pack("<H", 999))
+    for read in (intaglio.read_surface, read_mesh_file):
+        with pytest.raises(IntaglioError, match=r"a\.gltf: a face names vertex 999, but its mesh has only 4"):
+            read(path)
+
+
+def test_a_glb_that_announces_more_than_memory_holds(tmp_path, monkeypatch):
+    import trimesh
+
+    def exhausted(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr(trimesh, "load", exhausted)
+    textured().write(tmp_path / "a.glb")
+    with pytest.raises(IntaglioError, match=r"a\.glb: there is not enough memory"):
+        intaglio.read_surface(tmp_path / "a.glb")
+
+
+def test_single_precision_numbers_that_are_none(tmp_path):
+    """A signalling NaN makes NumPy warn of the conversion."""
+    record = np.zeros(2, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    record["corners"] = CORNERS[[[0, 1, 2], [0, 2, 3]]]
+    content = bytearray(bytes(80) + struct.pack("<I", 2) + record.tobytes())
+    content[84 + 50 + 12 : 84 + 50 + 16] = struct.pack("<I", 0x7F800001)
+    surface = intaglio.read_surface(write(tmp_path / "a.stl", bytes(content)))
+    assert len(surface.faces) == 1
+    assert np.isfinite(surface.vertices).all()
+
+
+def test_own_files_without_vertices(tmp_path):
+    surface = intaglio.Surface(vertices=CORNERS[:3], faces=np.array([[0, 1, 2]]))
+    surface.write(tmp_path / "a.ply")
+    head = (
+        (tmp_path / "a.ply")
+        .read_bytes()
+        .split(b"end_header\n")[0]
+        .replace(b"vertex 3", b"vertex 0")
+        .replace(b"face 1", b"face 0")
+    )
+    with pytest.raises(IntaglioError, match=r"a\.ply: holds no vertices"):
+        intaglio.read_surface(write(tmp_path / "a.ply", head + b"end_header\n"))
+
+
+def test_range_grids_are_mended_like_meshes(tmp_path):
+    rows = [f"{x} {y} {np.sin(x) / 4 + np.cos(y) / 5:.6g}" for y in range(9) for x in range(9)]
+    # Two points so far off that the sides of a triangle lie in one line.
+    rows[8], rows[80] = "8 65536 0.44734", "8 99999999999999999999 0.21824"
+    head = "ply\nformat ascii 1.0\nobj_info num_cols 9\nobj_info num_rows 9\nelement vertex 81\n"
+    head += "".join(f"property float {c}\n" for c in "xyz")
+    head += "element range_grid 81\nproperty list uchar int vertex_indices\nend_header\n"
+    cells = "".join("0\n" if k in (40, 41) else f"1 {k}\n" for k in range(81))
+    path = write(tmp_path / "a.ply", head + "\n".join(rows) + "\n" + cells)
+    surface = intaglio.read_surface(path)
+    assert any("mended: 1 flat triangle" in note for note in surface.notes)
+    assert surface.file_vertex is None
+    assert intaglio.mend_surface(surface, strict=True) is surface
+    with pytest.raises(IntaglioError, match=r"a\.ply: .*flat triangle"):
+        intaglio.read_surface(path, strict=True)
+
+
+def test_texture_coordinates_of_vertices_that_are_not_finite(tmp_path):
+    textured().write(tmp_path / "a.obj")
+    path = tmp_path / "a.obj"
+    path.write_text(path.read_text().replace("v 1.0 1.0 0.0", "v nan 1.0 0.0").replace("v 1 1 0", "v nan 1 0"))
+    assert "nan" in path.read_text()
+    with pytest.raises(IntaglioError, match=r"a\.obj: has vertices that are not finite"):
+        intaglio.geometry.read_uv_mesh(path)

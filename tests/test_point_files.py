@@ -599,3 +599,51 @@ def test_nothing_but_our_errors_comes_of_damaged_files(tmp_path):
                 assert np.isfinite(found.points).all(), (path.name, number)
                 assert len(found), (path.name, number)
     assert not [said for said in told if "\n" in said or len(said) > len(str(tmp_path)) + 400]
+
+
+# What fuzzing found
+
+
+def test_numbers_beyond_single_precision_say_nothing_of_their_own(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 2\n" + "".join(f"property double {n}\n" for n in ("x", "y", "z", *COLOR_NAMES))
+    (tmp_path / "a.ply").write_text(head + "end_header\n0 0 0 1e300 0 0\n1 0 0 0 1 0\n")
+    assert read_point_file(tmp_path / "a.ply").color[0].tolist() == [1, 0, 0]
+    (tmp_path / "a.xyz").write_text(rows(POINTS, UNIT) + "0 0 0 1e200 0 0\n")
+    assert read_point_file(tmp_path / "a.xyz").normals is not None
+    points, color = cloud()
+    write_las(tmp_path / "a.las", points, color)
+    data = bytearray((tmp_path / "a.las").read_bytes())
+    data[131:139] = struct.pack("<d", 1e308)
+    (tmp_path / "a.las").write_bytes(data)
+    with pytest.raises(InputError, match=r"a\.las: holds no points \(500 points without finite coordinates"):
+        read_point_file(tmp_path / "a.las")
+
+
+COLOR_NAMES = ("red", "green", "blue")
+
+
+def test_long_lines_of_brackets_take_no_time(tmp_path):
+    """Where each bracket looked for its partner to the end of the line this took minutes."""
+    (tmp_path / "a.txt").write_text("(" * 200_000 + "\n" + rows(POINTS))
+    np.testing.assert_array_equal(read_point_file(tmp_path / "a.txt").points, POINTS)
+    (tmp_path / "b.txt").write_text("X (m),Y [m],Z(m)\n" + rows(POINTS).replace(" ", ","))
+    np.testing.assert_array_equal(read_point_file(tmp_path / "b.txt").points, POINTS)
+
+
+def test_a_ptx_file_of_blank_lines(tmp_path):
+    (tmp_path / "a.ptx").write_text(" \n\t\n")
+    with pytest.raises(InputError, match=r"a\.ptx: holds no points"):
+        read_point_file(tmp_path / "a.ptx")
+
+
+def test_chunks_of_more_points_than_memory(tmp_path, monkeypatch):
+    """The library that unpacks them would end the process."""
+    monkeypatch.setenv("INTAGLIO_MEMORY", "1")
+    points, color = cloud()
+    write_las(tmp_path / "a.laz", points, color, form=3)
+    data = (tmp_path / "a.laz").read_bytes()
+    record = data.index(b"laszip encoded") - 2 + 54
+    assert struct.unpack_from("<I", data, record + 12) == (50_000,)
+    (tmp_path / "a.laz").write_bytes(data[: record + 12] + struct.pack("<I", 0x8000C350) + data[record + 16 :])
+    with pytest.raises(InputError, match=r"a\.laz: a compressed chunk of 2147533648 points needs 2 GiB"):
+        read_point_file(tmp_path / "a.laz")

@@ -493,3 +493,13 @@ def test_tiles_are_replaced_whole(tmp_path):
         write_web_planes(texture, tmp_path / "info.json", tiles=True)
         assert len(list((tmp_path / "plane_0_files").iterdir())) == levels
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".part")]
+
+
+@pytest.mark.parametrize("color", ["channels", "luminance"])
+def test_values_whose_images_would_not_be_finite(color, tmp_path):
+    write_relightable(texture_of("ptm", color), tmp_path / "t.exr")
+    channels, header = read_exr(tmp_path / "t.exr")
+    channels = {name: values if name.startswith("mask") else values + 1e38 for name, values in channels.items()}
+    write_exr(channels, tmp_path / "t.exr", metadata={"intaglioRelightable": header["intaglioRelightable"]})
+    with pytest.raises(FileError, match=r"t\.exr: .*values over 1e\+12"):
+        read_relightable(tmp_path / "t.exr")

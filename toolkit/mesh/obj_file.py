@@ -95,12 +95,13 @@ def read_obj(path: Path) -> RawMesh:
 
 def _table(path: Path, rows: list[bytes], what: str, widths: tuple[int, ...]) -> Array:
     """Return lines of numbers as an array, padded with NaN to the longest."""
-    values = _numbers(path, b"\n".join(rows), what)
+    text = b"\n".join(rows)
+    values = _numbers(path, text, what)
     width, left = divmod(len(values), len(rows))
-    # Lines with as many spaces as others, each between two numbers, are all alike.
-    alike = left == 0 and {row.count(b" ") for row in rows} == {width - 1} and b"\t" not in rows[0]
+    # Lines with as many spaces as others, and nothing else between numbers, are all alike.
+    alike = left == 0 and {row.count(b" ") for row in rows} == {width - 1} and not any(s in text for s in (b"\t", b"\v", b"\f"))
     lengths = {width} if alike else {len(row.split(b"#", 1)[0].split()) for row in rows}
-    if left == 0 and lengths == {width}:
+    if left == 0 and lengths == {width} != {0}:
         table = values.reshape(-1, width)
     else:
         table = np.full((len(rows), max(lengths)), np.nan)
