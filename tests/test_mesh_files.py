@@ -153,6 +153,7 @@ def test_obj(tmp_path):
         ("v 0 0\nv 1 0\n", "has 2 numbers"),
         ("v #\nv # 1 0 0\n", "has 0 numbers"),
         ("v 0 0 0\nv 1  0\nv 0 1\t0 0\n", "has 2 numbers"),
+        (f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2 {'9' * 400}\n", "'9999"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/2/3/4 2 3\n", "corners are v, v/vt"),
         ("hello\n", "no vertices"),
         ("\0\0\0\0", "not text"),

@@ -181,7 +181,7 @@ def _corners(path: Path, rows: list[bytes]) -> tuple[Array, Array]:
                 raise ValueError
             for i, part in enumerate(parts):
                 table[k, i] = int(part) if part else 0
-        except ValueError:
+        except (ValueError, OverflowError):
             shown = word[:40].decode("utf-8", "replace")
             raise FileError(f"{path}: a line `f` has the corner {shown!r}; corners are v, v/vt, v//vn or v/vt/vn") from None
     return counts, _whole(path, table)
