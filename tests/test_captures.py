@@ -610,8 +610,11 @@ def test_only_our_errors_come_out(kind, four, real, tmp_path):
 
 
 def test_names_that_no_file_can_have(four):
-    four.write_text(four.read_text().replace("02.png", "x" * 5000 + ".png"))
-    stack = read_stack(four)
+    rows = "".join(
+        f"{name},{x},{y},{z}\n" for name, (x, y, z) in zip(("00.png", "01.png", "x" * 300, "03.png"), LIGHTS, strict=True)
+    )
+    (four.parent / "lights.csv").write_text("image,x,y,z\n" + rows)
+    stack = read_stack(four.parent / "lights.csv")
     assert len(stack.lights) == 3
     assert any("missing" in note and len(note) < 1000 for note in stack.notes)
 

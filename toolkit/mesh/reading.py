@@ -345,7 +345,7 @@ def _own_surface(ply: Ply, path: Path) -> Surface:
         notes = tuple(str(json.loads(c[len("note ") :])) for c in ply.comments if c.startswith("note "))
     except InputError:
         raise
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError, RecursionError) as error:
         raise InputError(f"Intaglio's own comments in it are damaged ({type(error).__name__}: {error})") from error
     return Surface(
         vertices=raw.vertices,

@@ -79,7 +79,7 @@ def read_relightable_exr(path: PathLike) -> Relightable:
             channels.get("confidence.Y"),
             tuple(described["notes"]),
         )
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError, InputError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError, AttributeError, RecursionError, InputError) as error:
         # LinAlgError is a ValueError.
         raise FileError(f"{path}: is an EXR, but not a relightable texture ({error})") from error
 
