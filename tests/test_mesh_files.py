@@ -411,6 +411,19 @@ def test_own_files_without_vertices(tmp_path):
         intaglio.read_surface(write(tmp_path / "a.ply", head + b"end_header\n"))
 
 
+def test_own_models_of_absurd_numbers(tmp_path):
+    x, y = np.meshgrid(np.arange(3.0), np.arange(3.0))
+    flat = intaglio.surface_from_range_image(np.stack([x, y, x * 0], axis=-1), view=(1, 1, 9))
+    up = np.tile([0.0, 0, 1], (9, 1))
+    model = intaglio.mesh.SmoothBase(vertices=flat.vertices, faces=flat.faces, normals=up, relief_scale=2.0)
+    intaglio.Surface(vertices=flat.vertices, faces=flat.faces, model=model).write(tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    changed = data.replace(b'"relief_scale": 2.0', b'"relief_scale": ' + b"9" * 400)
+    assert changed != data
+    with pytest.raises(IntaglioError, match=r"a\.ply: Intaglio's own comments in it are damaged"):
+        intaglio.read_surface(write(tmp_path / "a.ply", changed))
+
+
 def test_range_grids_are_mended_like_meshes(tmp_path):
     rows = [f"{x} {y} {np.sin(x) / 4 + np.cos(y) / 5:.6g}" for y in range(9) for x in range(9)]
     # Two points so far off that the sides of a triangle lie in one line.
