@@ -67,8 +67,8 @@ def targets() -> dict[str, Callable[[Path], object]]:
 
     def surface(path, **options):
         found = intaglio.read_surface(path, **options)
-        # What Intaglio wrote comes back as it is.
-        own = b"property double base_x" in path.read_bytes()
+        # What Intaglio wrote comes back as it is, and the cut through a one-sided surface lies where its sides could be joined.
+        own = b"property double base_x" in path.read_bytes() or any("one-sided" in note for note in found.notes)
         try:
             intaglio.mend_surface(found, strict=not own)
         except IntaglioError as error:

@@ -421,6 +421,9 @@ def tampered(tmp_path, change):
         ("rbf", lambda d: d["basis"].update(trend="none")),
         ("rbf", lambda d: d["basis"].update(lights=d["basis"]["lights"][:-1])),
         ("rbf", lambda d: d["basis"]["weights"][0].__setitem__(0, float("nan"))),
+        ("rbf", lambda d: d["basis"]["weights"][0].__setitem__(0, 1e20)),
+        ("rbf", lambda d: d["basis"]["lights"][0].__setitem__(0, 1e200)),
+        ("hsh", lambda d: d["basis"].update(order=10**400)),
     ],
 )
 def test_tampered_textures(change, tmp_path):
