@@ -403,8 +403,11 @@ def _take_up_flat(vertices: Array, corner: Array, faces: Array, notes: list[str]
     taken = 0
     while True:
         flat = np.flatnonzero(_is_flat(vertices, faces))
-        opposite = opposite_edges(faces, len(vertices)) if len(flat) else np.zeros(0, np.int64)
-        existing = set(_undirected(directed_edges(faces), len(vertices)).tolist()) if len(flat) else set()
+        if len(flat) == 0:
+            break
+        opposite = opposite_edges(faces, len(vertices))
+        existing = np.sort(_undirected(directed_edges(faces), len(vertices)))
+        added: set[int] = set()
         touched: set[int] = set()
         dropped = []
         for f in flat.tolist():
@@ -420,12 +423,15 @@ def _take_up_flat(vertices: Array, corner: Array, faces: Array, notes: list[str]
                 continue
             (p, q, m), w = np.roll(faces[f], -k), faces[g, (j + 2) % 3]
             halves = np.array([[m, p, w], [m, w, q]])
-            if int(_undirected(np.array([[m, w]]), len(vertices))[0]) in existing or _is_flat(vertices, halves).any():
+            diagonal = int(_undirected(np.array([[m, w]], np.int64), len(vertices))[0])
+            at = int(np.searchsorted(existing, diagonal))
+            known = diagonal in added or (at < len(existing) and existing[at] == diagonal)
+            if known or _is_flat(vertices, halves).any():
                 continue
             ours, theirs = np.roll(corner[f], -k), np.roll(corner[g], -j)
             corner[f], corner[g] = [ours[2], ours[0], theirs[2]], [ours[2], theirs[2], ours[1]]
             faces[f], faces[g] = halves
-            existing.add(int(_undirected(np.array([[m, w]]), len(vertices))[0]))
+            added.add(diagonal)
             touched |= {f, g}
         if not touched:
             break
