@@ -57,7 +57,7 @@ def test_the_command_lays_the_result_over_a_mesh(swatch_file, run):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["-o", "weave.ply", "--size", "6"], "is the input itself"),
+        (["-o", "weave.ply", "--size", "6"], "is one of the inputs"),
         (["-o", "big.stl", "--size", "6"], "unknown points type|unknown"),
         (["-o", "none/big.ply", "--size", "6"], "does not exist"),
         (["-o", "big.ply", "--size", "6,5,4"], "--size takes one number or two"),

@@ -88,12 +88,12 @@ def test_a_project_is_textured_as_it_lies_on_disk(project, run):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["-o", "mesh.ply"], "is the input itself"),
+        (["-o", "mesh.ply"], "is one of the inputs"),
         (["-o", "out.stl"], "unknown textured mesh type"),
         (["-o", "view0.coverage.glb", "--leave-out", "nobody"], "no such view"),
         (["-o", "out.glb", "--importance", "1.2"], "--view"),
         (["-o", "out.glb", "--background-threshold", "nan"], "background_threshold"),
-        (["-o", "view0.obj"], "is the input itself"),
+        (["-o", "view0.obj"], "is one of the inputs"),
         (["-o", "none/out.glb"], "does not exist"),
         (["-o", "out.glb", "--leave-out", "view0.png", "--leave-out", "view1.png", "--leave-out", "view2.png"], "no photograph"),
     ],
@@ -189,7 +189,7 @@ def test_masks_of_all_kinds(picture, run):
     ("arguments", "message"),
     [
         (["image.png", "small.png", "-o", "out.png"], "the mask has 5 x 5"),
-        (["image.png", "mask.png", "-o", "image.png"], "is the input itself"),
+        (["image.png", "mask.png", "-o", "image.png"], "is one of the inputs"),
         (["image.png", "mask.png", "-o", "out.gif"], "unknown image type"),
         (["image.png", "full.png", "-o", "out.png"], "covers everything"),
         (["image.png", "mask.png", "-o", "out.png", "--method", "inpaint", "--kappa", "3"], "--kappa"),

@@ -109,7 +109,7 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
     write_relightable(represent(read_stack(capture), "ptm"), texture)
     out = ["-o", tmp_path / "o.png", "--size", "50x50"]
     for words, message in [
-        ([sample, "-o", sample, "--size", "50x50"], "is the input itself"),
+        ([sample, "-o", sample, "--size", "50x50"], "is one of the inputs"),
         ([sample, "-o", tmp_path / "o.xyz", "--size", "50x50"], "unknown image type"),
         ([sample, "-o", tmp_path / "o.png", "--size", "50"], "WIDTHxHEIGHT"),
         ([tmp_path / "none.png", *out], "no such file"),
@@ -117,7 +117,7 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         ([sample, other, "-o", tmp_path / "d", "--size", "50x50"], "must have one size"),
         ([sample, sample, "-o", tmp_path / "d", "--size", "50x50"], "written as one file"),
         ([sample, other, *out], "give a folder"),
-        ([sample, other, "-o", tmp_path, "--size", "50x50"], "is the input itself"),
+        ([sample, other, "-o", tmp_path, "--size", "50x50"], "is one of the inputs"),
         ([sample, capture, "-o", tmp_path / "d", "--size", "50x50"], "given alone"),
         ([capture, *out], "unknown texture type"),
         ([sample, *out, "--block", "900"], "larger than the sample"),
@@ -176,7 +176,7 @@ def test_no_input_is_overwritten(run, sample, tmp_path):
     before = photograph.read_bytes()
     status, _, errors = run("synthesize", stack, "-o", photograph.with_name("a.exr"), "--size", "40x40")
     assert status == 2
-    assert "is the input itself" in errors
+    assert "is one of the inputs" in errors
     assert photograph.read_bytes() == before
 
 

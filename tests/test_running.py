@@ -159,8 +159,11 @@ def test_what_was_opened_is_not_replaced(tmp_path):
     # Inputs that are opened only after the output was checked, and in a folder that is replaced.
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "in.txt").write_text("in")
-    with pytest.raises(intaglio.FileError, match="never overwritten"), whole_file(tmp_path / "b.txt") as beside:
-        (tmp_path / "b.txt").read_text()
+    (tmp_path / "c.txt").write_text("c")
+    with pytest.raises(intaglio.FileError, match="never overwritten"), whole_file(tmp_path / "c.txt") as beside:
+        (tmp_path / "c.txt").read_text()
+    with pytest.raises(intaglio.FileError, match="another output"), whole_file(tmp_path / "b.txt") as beside:
+        beside.write_text("once more")
 
     def write_maps():
         with whole_folder(tmp_path) as inside:
@@ -262,12 +265,22 @@ def named_by_gltf(folder):
 @pytest.mark.usefixtures("guarded")
 def test_materials_and_pictures_of_an_input_are_not_replaced_by_an_outputs(tmp_path):
     picture(tmp_path / "out.png")
-    (tmp_path / "out.mtl").write_text("newmtl a\nmap_Kd out.png\n")
+    for name in ("bump", "second", "shine"):
+        picture(tmp_path / f"{name}.png")
+    lines = [
+        "newmtl a",
+        "map_Kd out.png",
+        "map_Bump -bm 1 bump.png",
+        "newmtl b",
+        "map_Kd second.png",
+        "map_Ks C:\\scans\\shine.png",
+    ]
+    (tmp_path / "out.mtl").write_text("\n".join(lines) + "\n")
     text = "mtllib out.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl a\nf 1/1 2/2 3/3\n"
     (tmp_path / "in.obj").write_text(text)
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     surface = intaglio.read_surface(tmp_path / "in.obj")
-    for name in ("out.obj", "out.ply"):
+    for name in ("out.obj", "out.ply", "bump.ply", "second.ply", "shine.obj"):
         with pytest.raises(intaglio.FileError, match="never overwritten"):
             surface.write(tmp_path / name)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
@@ -307,6 +320,24 @@ def test_files_that_inputs_name_are_not_replaced(tmp_path, run, case):
     assert target.read_bytes() == before
     assert [line for line in errors.splitlines() if line.startswith("intaglio: ")] == errors.splitlines()[-1:]
     assert "never overwritten" in errors
+
+
+def test_two_outputs_of_one_name_are_refused(tmp_path, run):
+    stack = tmp_path / "capture.lp"
+    for k in range(len(LIGHTS)):
+        intaglio.write_image(np.random.default_rng(k).random((8, 8)), tmp_path / f"{k}.png")
+    stack.write_text("".join(f"{k}.png {x} {y} {z}\n" for k, (x, y, z) in enumerate(LIGHTS)))
+    out = tmp_path / "out"
+    out.mkdir()
+    for words, said in (
+        (["-o", out / "maps.exr", "--maps", out], "one of the maps has that name"),
+        (["-o", out / "t.exr", "--maps", out / "t.exr"], "different names"),
+        (["-o", out / "t.exr", "--maps", ""], "the name is empty"),
+    ):
+        status, _, errors = run("represent", stack, "--kind", "gradient", *words)
+        assert (status, list(out.iterdir())) == (2, []), errors
+        assert said in errors
+        assert errors.splitlines()[-1].startswith("intaglio: ")
 
 
 LIGHTS = [[0, 0, 1], [0.5, 0, 0.8], [0, 0.5, 0.8], [-0.5, 0, 0.8], [0, -0.5, 0.8], [0.4, 0.4, 0.8]]

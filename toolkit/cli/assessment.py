@@ -11,7 +11,7 @@ import numpy as np
 import intaglio
 from intaglio.arrays import Array
 from intaglio.cli.masks import read_mask
-from intaglio.cli.options import common, known_suffix
+from intaglio.cli.options import FilePath, common, known_suffix
 from intaglio.cli.photometric import assess_capture
 from intaglio.devices import device_or_error
 from intaglio.errors import FileError, InputError
@@ -32,9 +32,9 @@ assess.add_command(assess_capture)
 
 
 @assess.command("relief", epilog="Example: intaglio assess relief whole.ply --truth truth.ply -o whole.html")
-@click.argument("completed", type=click.Path(path_type=Path))
-@click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface.")
-@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="HTML report with pictures and figures.")
+@click.argument("completed", type=FilePath())
+@click.option("--truth", type=FilePath(), default=None, help="Known surface.")
+@click.option("-o", "--output", default=None, type=FilePath(), help="HTML report with pictures and figures.")
 @common
 def assess_relief(completed: Path, truth: Path | None, output: Path | None, seed: int, device: str | None) -> None:
     """Measure the filled relief of COMPLETED, a PLY that `complete` wrote, against the measured, and against the truth."""
@@ -51,11 +51,11 @@ def assess_relief(completed: Path, truth: Path | None, output: Path | None, seed
 
 
 @assess.command("synthesis", epilog="Example: intaglio assess synthesis sample.png big.png")
-@click.argument("sample", type=click.Path(path_type=Path))
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("sample", type=FilePath())
+@click.argument("result", type=FilePath())
 @click.option(
     "--source",
-    type=click.Path(path_type=Path),
+    type=FilePath(),
     default=None,
     help="Where pixels came from, as `synthesize` wrote it; default: beside RESULT.",
 )
@@ -78,9 +78,9 @@ def assess_synthesis(sample: Path, result: Path, source: Path | None, tileable: 
 
 
 @assess.command("restoration", epilog="Example: intaglio assess restoration restored.png scratches.png --truth whole.png")
-@click.argument("restored", type=click.Path(path_type=Path))
-@click.argument("missing", type=click.Path(path_type=Path))
-@click.option("--truth", type=click.Path(path_type=Path), default=None, help="The undamaged image.")
+@click.argument("restored", type=FilePath())
+@click.argument("missing", type=FilePath())
+@click.option("--truth", type=FilePath(), default=None, help="The undamaged image.")
 @common
 def assess_restoration(restored: Path, missing: Path, truth: Path | None, seed: int, device: str | None) -> None:
     """Measure RESTORED, whose pixels that are bright in MISSING were filled: detail, seam, and error where truth is known."""
@@ -92,9 +92,9 @@ def assess_restoration(restored: Path, missing: Path, truth: Path | None, seed: 
 
 
 @assess.command("geometry", epilog="Example: intaglio assess geometry larger.ply weave.ply -o larger.html")
-@click.argument("result", type=click.Path(path_type=Path))
-@click.argument("swatch", type=click.Path(path_type=Path))
-@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="HTML report with pictures and figures.")
+@click.argument("result", type=FilePath())
+@click.argument("swatch", type=FilePath())
+@click.option("-o", "--output", default=None, type=FilePath(), help="HTML report with pictures and figures.")
 @common
 def assess_geometry(result: Path, swatch: Path, output: Path | None, seed: int, device: str | None) -> None:
     """Measure RESULT, a PLY of points that `extend` wrote, against SWATCH: spacing, holes, normals."""
@@ -109,9 +109,9 @@ def assess_geometry(result: Path, swatch: Path, output: Path | None, seed: int, 
 
 
 @assess.command("texture", epilog="Example: intaglio assess texture textured.glb cameras.json")
-@click.argument("mesh", type=click.Path(path_type=Path))
-@click.argument("cameras", type=click.Path(path_type=Path))
-@click.option("--images", type=click.Path(path_type=Path), default=None, help="Folder of the photographs.")
+@click.argument("mesh", type=FilePath())
+@click.argument("cameras", type=FilePath())
+@click.option("--images", type=FilePath(), default=None, help="Folder of the photographs.")
 @click.option("--reduce", type=click.IntRange(1, 64), default=1, show_default=True, help="Compare at less resolution.")
 @common
 def assess_texture(mesh: Path, cameras: Path, images: Path | None, reduce: int, seed: int, device: str | None) -> None:

@@ -44,6 +44,8 @@ class CloseUp:
     def __post_init__(self) -> None:
         if self.look_at is not None and self.hole is not None:
             raise InputError("--look-at and --hole both say where to look; give one of them")
+        if self.zoom is not None and not np.isfinite(self.zoom):
+            raise InputError(f"--zoom must be a finite number, not {self.zoom}")
         if not any(self.up) or (self.direction is not None and not any(self.direction)):
             raise InputError("--direction and --up must not be all zero")
 

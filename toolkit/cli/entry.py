@@ -23,7 +23,7 @@ from intaglio.cli.facts import (
     texture_facts,
 )
 from intaglio.cli.geometry import extend
-from intaglio.cli.options import Numbers, common, grouped, image_size, known_suffix, render_on
+from intaglio.cli.options import FilePath, Numbers, common, grouped, image_size, known_suffix, render_on
 from intaglio.cli.photographs import restore, texture
 from intaglio.cli.photometric import relight, represent
 from intaglio.cli.relief import complete
@@ -35,6 +35,9 @@ from intaglio.geometry import POINT_FILES, holds_points
 from intaglio.mesh import WRITABLE
 from intaglio.photometric import STACK_SUFFIXES
 from intaglio.synthesis import holds_material
+
+# Of an angle's turns.
+_MOST_DEGREES = 36000
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -48,8 +51,8 @@ for _command in (complete, represent, relight, assess, synthesize, rank, texture
 
 
 @cli.command(epilog="Example: intaglio render whole.ply -o whole.png --direction 1,0.2,0.5 --slant 65")
-@click.argument("mesh", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write.")
+@click.argument("mesh", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="Image to write.")
 @grouped(
     "close_up",
     CloseUp,
@@ -66,6 +69,7 @@ for _command in (complete, represent, relight, assess, synthesize, rank, texture
 @click.option("--color/--clay", default=True, help="Use the mesh's colours, if it has any, or clay.")
 @click.option("--provenance", is_flag=True, help="Show the measured part in clay, the filled part in blue.")
 @click.option("--flat", is_flag=True, help="Shade facets.")
+@click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @common
 def render(
     mesh: Path,
@@ -78,25 +82,29 @@ def render(
     color: bool,
     provenance: bool,
     flat: bool,
+    view: tuple[float, ...] | None,
     seed: int,
     device: str | None,
 ) -> None:
-    """Render MESH under raking light, so that its relief shows."""
+    """Render MESH under raking light, so that its relief shows; of points, with --view, what the scanner saw."""
     from intaglio.relief import FILLED_TINT
-    from intaglio.render import CLAY, Light, view
+    from intaglio.render import CLAY, Light
+    from intaglio.render import view as render_view
 
     check_writable(output, inputs=(mesh,))
     known_suffix(output, IMAGE_SUFFIXES, "image")
     shape = image_size(size)
-    if not np.isfinite([tilt, slant]).all():
-        raise InputError("--tilt and --slant must be finite numbers of degrees")
+    if not max(abs(tilt), abs(slant)) <= _MOST_DEGREES:
+        raise InputError(f"--tilt and --slant must be finite numbers of degrees, from {-_MOST_DEGREES} to {_MOST_DEGREES}")
     render_on(device)
-    surface = intaglio.read_surface(mesh)
+    surface = intaglio.read_surface(mesh, view=view)
     camera = close_up.camera(mesh, surface)
     colors = surface.color if color else None
+    if provenance and surface.measured.all():
+        click.echo(f"  {mesh} says of no vertex that it was filled", err=True)
     if provenance:
         colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
-    image = view(
+    image = render_view(
         surface.vertices,
         surface.faces,
         camera=camera,
@@ -112,9 +120,9 @@ def render(
 
 
 @cli.command(epilog="Example: intaglio compare completed.png truth.png -o difference.png")
-@click.argument("image", type=click.Path(path_type=Path))
-@click.argument("reference", type=click.Path(path_type=Path))
-@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Write FLIP's difference picture.")
+@click.argument("image", type=FilePath())
+@click.argument("reference", type=FilePath())
+@click.option("-o", "--output", default=None, type=FilePath(), help="Write FLIP's difference picture.")
 @common
 def compare(image: Path, reference: Path, output: Path | None, seed: int, device: str | None) -> None:
     """Compare IMAGE with REFERENCE: rmse, PSNR, SSIM and FLIP."""
@@ -137,7 +145,7 @@ def compare(image: Path, reference: Path, output: Path | None, seed: int, device
 
 
 @cli.command(epilog="Example: intaglio info scan.ply capture.lp")
-@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, type=FilePath())
 @click.option("--strict", is_flag=True, help="Refuse meshes whose faces must be mended to join as a surface.")
 @common
 def info(files: tuple[Path, ...], strict: bool, seed: int, device: str | None) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from intaglio.cli.options import Numbers, common, grouped, known_suffix, render_on
+from intaglio.cli.options import FilePath, Numbers, common, grouped, known_suffix, render_on
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
@@ -75,10 +75,8 @@ def _read_swatch_by(bounds: tuple[float, ...] | None, **options: Any) -> dict[st
 @click.command(
     epilog="Example: intaglio extend weave.ply --size 20,20 --patch 4 -o larger.ply --mesh larger.glb --report larger.html"
 )
-@click.argument("swatch", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Points: .ply (keeps provenance), .xyz, .obj."
-)
+@click.argument("swatch", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="Points: .ply (keeps provenance), .xyz, .obj.")
 @click.option("--size", type=Numbers(), required=True, help="Side, or sides u,v, of the output, in the swatch's unit.")
 @click.option("--patch", type=Numbers(), default=None, help="Side(s) of a patch; default a third of the swatch.")
 @grouped(
@@ -121,20 +119,18 @@ def _read_swatch_by(bounds: tuple[float, ...] | None, **options: Any) -> dict[st
 @grouped(
     "meshing",
     _Meshing,
-    click.option("--mesh", type=click.Path(path_type=Path), default=None, help="Also a triangle mesh: .ply, .obj, .glb, …"),
+    click.option("--mesh", type=FilePath(), default=None, help="Also a triangle mesh: .ply, .obj, .glb, …"),
     click.option("--mesh-cell", type=_POSITIVE, default=None, help="Side of its cubes; default the distance of samples."),
     click.option("--closed", is_flag=True, help="Close the mesh where the output's border cuts it."),
 )
 @grouped(
     "wrapping",
     _Wrapping,
-    click.option(
-        "--over", type=click.Path(path_type=Path), default=None, help="Mesh with texture coordinates to lay the result over."
-    ),
+    click.option("--over", type=FilePath(), default=None, help="Mesh with texture coordinates to lay the result over."),
     click.option("--repeat", type=Numbers(2), default=None, help="With --over: how often the result repeats along u,v."),
     click.option("--thickness", type=_POSITIVE, default=None, help="With --over: length on the mesh for a unit of height."),
 )
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
+@click.option("--report", type=FilePath(), default=None, help="HTML report with pictures and figures.")
 @common
 def extend(
     swatch: Path,

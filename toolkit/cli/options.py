@@ -19,6 +19,19 @@ from intaglio.progress import Stage, be_quiet
 _ABOVE_0 = click.FloatRange(min=0, min_open=True)
 
 
+class FilePath(click.Path):
+    """The name of a file or folder: never an empty one, which would mean the current folder."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path."""
+        if value == "":
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Numbers(click.ParamType):
     """Comma-separated numbers."""
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.cli.masks import read_mask
-from intaglio.cli.options import Numbers, common, grouped, known_suffix, render_on, was_given
+from intaglio.cli.options import FilePath, Numbers, common, grouped, known_suffix, render_on, was_given
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import READABLE_SUFFIXES, check_readable, check_writable, read_samples, write_samples
@@ -71,10 +71,10 @@ class _Background(click.ParamType):
 
 
 @click.command(epilog="Example: intaglio texture scan.ply cameras.json -o textured.glb --size 4096 --report textured.html")
-@click.argument("mesh", type=click.Path(path_type=Path))
-@click.argument("cameras", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Textured mesh: .glb, .gltf or .obj.")
-@click.option("--images", type=click.Path(path_type=Path), default=None, help="Folder of the photographs.")
+@click.argument("mesh", type=FilePath())
+@click.argument("cameras", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="Textured mesh: .glb, .gltf or .obj.")
+@click.option("--images", type=FilePath(), default=None, help="Folder of the photographs.")
 @click.option("--size", type=click.IntRange(16, 16384), default=2048, show_default=True, help="Texels a side.")
 @grouped(
     "layout",
@@ -117,7 +117,7 @@ class _Background(click.ParamType):
 @click.option("--restore", type=click.Choice([*METHODS, "none"]), default="split", show_default=True, help="What was not seen.")
 @click.option("--leave-out", multiple=True, help="Name of a photograph to compare with instead of using; may be repeated.")
 @click.option("--strict", is_flag=True, help="Refuse a mesh that must be mended, and photographs that are missing or scaled.")
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
+@click.option("--report", type=FilePath(), default=None, help="HTML report with pictures and figures.")
 @common
 def texture(
     mesh: Path,
@@ -229,11 +229,9 @@ def _materials(mesh: Path) -> list[Path]:
 
 
 @click.command(epilog="Example: intaglio restore photograph.png scratches.png -o restored.png --report restored.html")
-@click.argument("image", type=click.Path(path_type=Path))
-@click.argument("mask", type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write; PNG, TIFF or EXR keep all bits."
-)
+@click.argument("image", type=FilePath())
+@click.argument("mask", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="Image to write; PNG, TIFF or EXR keep all bits.")
 @click.option("--method", type=click.Choice(METHODS), default="split", show_default=True)
 @grouped(
     "synthesis",
@@ -253,11 +251,9 @@ def _materials(mesh: Path) -> list[Path]:
     click.option("--refine", type=click.IntRange(0, 10), default=1, show_default=True, help="Passes of texture optimisation."),
     click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: for split."),
 )
-@click.option(
-    "--barriers", type=click.Path(path_type=Path), default=None, help="Mask of pixels that colours don't spread across."
-)
+@click.option("--barriers", type=FilePath(), default=None, help="Mask of pixels that colours don't spread across.")
 @click.option("--invert", is_flag=True, help="The mask's dark pixels are missing, instead of its bright ones.")
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
+@click.option("--report", type=FilePath(), default=None, help="HTML report with pictures and figures.")
 @common
 def restore(
     image: Path,

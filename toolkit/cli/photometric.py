@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
-from intaglio.cli.options import Numbers, common, grouped, image_size, known_suffix, render_on
+from intaglio.cli.options import FilePath, Numbers, common, grouped, image_size, known_suffix, render_on
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import IMAGE_SUFFIXES, READABLE_SUFFIXES, check_folder, check_readable, check_writable, write_image
@@ -77,8 +77,8 @@ stack_options = grouped(
     "reading",
     StackReading,
     click.option("--response", default=None, help="linear, srgb or a gamma; default: 8 bits sRGB, others linear."),
-    click.option("--mask", type=click.Path(path_type=Path), default=None, help="Image of the pixels to use."),
-    click.option("--sphere", type=click.Path(path_type=Path), default=None, help="Folder of mirror sphere pictures."),
+    click.option("--mask", type=FilePath(), default=None, help="Image of the pixels to use."),
+    click.option("--sphere", type=FilePath(), default=None, help="Folder of mirror sphere pictures."),
     click.option("--circle", type=Numbers(3), default=None, help="x,y,radius of the sphere in its pictures, in pixels."),
     click.option("--gray", is_flag=True, help="Take the mean of the channels."),
     click.option("--keep", multiple=True, help="Photographs to use though they look odd: names, patterns, numbers from 0."),
@@ -88,7 +88,11 @@ stack_options = grouped(
 
 
 def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
-    """Raise `InputError` if one of the files that go beside ``output``, or into ``maps``, has the name of an input."""
+    """Raise `InputError` if one of the files that go beside ``output``, or into ``maps``, has the name of an input or of it."""
+    if maps is not None and output.name in MAP_NAMES and output.parent.resolve() == maps.resolve():
+        raise InputError(f"{output}: one of the maps has that name; give --output or --maps another place")
+    if maps is not None and output.resolve() == maps.resolve():
+        raise InputError(f"{output}: is both --output, a file, and --maps, a folder; give them different names")
     for given in inputs:
         into_maps = maps is not None and maps.exists() and given.name in MAP_NAMES and given.parent.samefile(maps)
         beside = output.suffix.lower() == ".json" and given.parent.samefile(output.parent)
@@ -97,8 +101,8 @@ def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
 
 
 @click.command(epilog="Example: intaglio represent capture.lp -o texture.exr --kind rbf --maps maps")
-@click.argument("capture", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help=".exr, .ptm, info.json (web) or .glb.")
+@click.argument("capture", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help=".exr, .ptm, info.json (web) or .glb.")
 @grouped(
     "fit",
     dict,
@@ -114,7 +118,7 @@ def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
         "--differentiation", type=click.Choice(["fourier", "forward"]), default="fourier", show_default=True, help="height."
     ),
 )
-@click.option("--maps", type=click.Path(path_type=Path), default=None, help="Folder for normal, albedo and height images.")
+@click.option("--maps", type=FilePath(), default=None, help="Folder for normal, albedo and height images.")
 @click.option("--tiles", is_flag=True, help="info.json: Deep Zoom tiles instead of whole planes.")
 @stack_options
 @common
@@ -170,15 +174,15 @@ def _mesh_files(mesh: Path | None) -> tuple[Path, ...]:
 
 
 @click.command(epilog="Example: intaglio relight texture.exr -o lit.png --tilt 135 --slant 60")
-@click.argument("texture", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Image to write.")
+@click.argument("texture", type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="Image to write.")
 @click.option("--tilt", type=float, default=135.0, show_default=True, help="Degrees from x (right) to y (up).")
 @click.option("--slant", type=float, default=45.0, show_default=True, help="Degrees from straight above.")
 @click.option("--light", type=Numbers(3), default=None, help="x,y,z towards the light, instead of tilt and slant.")
 @click.option("--exposure", type=float, default=1.0, show_default=True, help="Factor on the values.")
 @click.option("--bits", type=click.Choice(["8", "16"]), default="8", show_default=True, help="Of PNG and TIFF.")
 @click.option("--encoded", is_flag=True, help="Values are display values already: fitted to photographs as stored.")
-@click.option("--mesh", type=click.Path(path_type=Path), default=None, help="Render on this mesh (with texture coordinates).")
+@click.option("--mesh", type=FilePath(), default=None, help="Render on this mesh (with texture coordinates).")
 @click.option("--repeat", type=float, default=1.0, show_default=True, help="--mesh: repeats of the texture.")
 @click.option("--direction", type=Numbers(3), default="0.3,0.4,1", show_default=True, help="--mesh: x,y,z to the eye.")
 @click.option("--size", default="800x800", show_default=True, help="--mesh: WIDTHxHEIGHT in pixels.")
@@ -241,8 +245,8 @@ def relight(
 
 
 @click.command("capture", epilog="Example: intaglio assess capture capture.lp -o kinds.html")
-@click.argument("capture", type=click.Path(path_type=Path))
-@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="HTML report with plots and pictures.")
+@click.argument("capture", type=FilePath())
+@click.option("-o", "--output", default=None, type=FilePath(), help="HTML report with plots and pictures.")
 @click.option("--kinds", default=",".join(KINDS), show_default=True, help="Comma-separated kinds.")
 @click.option(
     "--leave-one-out/--no-leave-one-out", default=True, show_default=True, help="Also predict each image from the others."

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import intaglio
-from intaglio.cli.options import Extent, HoleChoice, Numbers, common, known_suffix
+from intaglio.cli.options import Extent, FilePath, HoleChoice, Numbers, common, known_suffix
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE
@@ -34,8 +34,8 @@ _SETTINGS = (
 
 
 @click.command(epilog="Example: intaglio complete statue.ply -o whole.ply --report whole.html")
-@click.argument("scan", type=click.Path(path_type=Path))
-@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Mesh to write; PLY keeps provenance.")
+@click.argument("scan", type=FilePath())
+@click.option("-o", "--output", default=None, type=FilePath(), help="Mesh to write; PLY keeps provenance.")
 @click.option(
     "--base",
     type=click.Choice(["auto", "plane", "cylinder", "sphere", "smooth"]),
@@ -66,8 +66,8 @@ _SETTINGS = (
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
 @click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @click.option("--strict", is_flag=True, help="Refuse a mesh whose faces must be mended to join as a surface.")
-@click.option("--truth", type=click.Path(path_type=Path), default=None, help="Known surface, for the report.")
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML report with pictures and figures.")
+@click.option("--truth", type=FilePath(), default=None, help="Known surface, for the report.")
+@click.option("--report", type=FilePath(), default=None, help="HTML report with pictures and figures.")
 @common
 def complete(
     scan: Path,

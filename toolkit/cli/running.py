@@ -104,12 +104,23 @@ def _explain(error: BaseException) -> int:
         return _stop(f"{error.filename or 'output'}: {error.strerror or error}")
     if isinstance(error, ValueError) and "INTAGLIO_" in str(error):
         return _stop(str(error))
+    if isinstance(error, ValueError) and _raised_in(error).startswith(("intaglio.render", "intaglio.kernels")):
+        # What stands below the toolkit names its arguments in plain errors.
+        return _stop(str(error))
     if isinstance(error, RuntimeError) and "shared library" in str(error):
         return _stop(f"can't start: {error}; give it more memory, or install Intaglio again")
     if os.environ.get("INTAGLIO_VERBOSE", "") not in ("", "0"):
         traceback.print_exception(error)
     _stop(f"defect: {type(error).__name__}: {error}; with INTAGLIO_VERBOSE=1 its traceback is shown, please report it")
     return 1
+
+
+def _raised_in(error: BaseException) -> str:
+    """Return the name of the module that raised an error."""
+    module, at = "", error.__traceback__
+    while at is not None:
+        module, at = str(at.tb_frame.f_globals.get("__name__", "")), at.tb_next
+    return module
 
 
 def _stop(message: str) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.cli.facts import is_texture
-from intaglio.cli.options import common, grouped, image_size, known_suffix, was_given
+from intaglio.cli.options import FilePath, common, grouped, image_size, known_suffix, was_given
 from intaglio.cli.photometric import StackReading, spare_inputs, stack_options
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
@@ -150,10 +150,8 @@ class _Images:
 
 
 @click.command(epilog="Example: intaglio synthesize sample.png -o big.png --size 1024x1024")
-@click.argument("samples", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "-o", "--output", required=True, type=click.Path(path_type=Path), help="Image, texture, or folder for several maps."
-)
+@click.argument("samples", nargs=-1, required=True, type=FilePath())
+@click.option("-o", "--output", required=True, type=FilePath(), help="Image, texture, or folder for several maps.")
 @click.option("--size", required=True, help="WIDTHxHEIGHT in pixels.")
 @click.option("--method", type=click.Choice(sorted(_OWN)), default="quilt", show_default=True, help="By blocks or by pixels.")
 @grouped(
@@ -188,8 +186,8 @@ class _Images:
 )
 @click.option("--metric", type=click.Choice(METRICS), default="absolute", show_default=True, help="Of differences.")
 @click.option("--tileable", is_flag=True, help="The result wraps around without a seam.")
-@click.option("--maps", type=click.Path(path_type=Path), default=None, help="Folder for normal, albedo and height maps (PBR).")
-@click.option("--report", type=click.Path(path_type=Path), default=None, help="HTML page with pictures and figures.")
+@click.option("--maps", type=FilePath(), default=None, help="Folder for normal, albedo and height maps (PBR).")
+@click.option("--report", type=FilePath(), default=None, help="HTML page with pictures and figures.")
 @click.option("--source/--no-source", default=True, show_default=True, help="Write where each pixel came from (.source.exr).")
 @stack_options
 @common
@@ -393,8 +391,8 @@ def _write_images(images: _Images, result: Synthesis, output: Path) -> list[Path
 
 
 @click.command(epilog="Example: intaglio rank study -o page.html, and later: intaglio rank ranks_*.csv")
-@click.argument("inputs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", default=None, type=click.Path(path_type=Path), help="Page to write, of a study's folder.")
+@click.argument("inputs", nargs=-1, required=True, type=FilePath())
+@click.option("-o", "--output", default=None, type=FilePath(), help="Page to write, of a study's folder.")
 @click.option("--title", default="Rank the results", show_default=True, help="Of the page.")
 @click.option("--alpha", type=float, default=0.01, show_default=True, help="Share of false differences that is accepted.")
 @click.option("--methods", default=None, help="Comma-separated columns to compare; default all.")

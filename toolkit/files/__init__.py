@@ -1,7 +1,7 @@
 """Files that appear whole: images, EXR, pages of HTML."""
 
 from intaglio.files.exr import read_exr, read_exr_header, write_exr
-from intaglio.files.guard import guard_inputs, tell_unfinished
+from intaglio.files.guard import guard_inputs, note_input, tell_unfinished
 from intaglio.files.image_kinds import IMAGE_SUFFIXES, READABLE_SUFFIXES
 from intaglio.files.images import read_image, read_image_with_type, read_samples, write_image, write_samples
 from intaglio.files.limits import check_memory, limit_memory, memory_limit
@@ -22,6 +22,7 @@ __all__ = [
     "limit_memory",
     "listing",
     "memory_limit",
+    "note_input",
     "picture_row",
     "read_exr",
     "read_exr_header",

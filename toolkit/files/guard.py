@@ -16,6 +16,7 @@ from intaglio.errors import FileError
 # Files that were read while inputs are guarded, by device and number: whatever name or link leads to one.
 _read: set[tuple[int, int]] = set()
 _planned: set[tuple[int, int]] = set()
+_written: set[tuple[int, int]] = set()
 _REFUSED = "{}: is one of the inputs; inputs are never overwritten, give another output"
 _guarding = False
 _hooked = False
@@ -35,6 +36,7 @@ def guard_inputs(on: bool = True) -> None:
     _guarding = on
     _read.clear()
     _planned.clear()
+    _written.clear()
     if on and not _hooked:
         # There is no way to remove a hook; it does nothing while inputs are not guarded.
         sys.addaudithook(_notice)
@@ -63,6 +65,12 @@ def note_read(path: PathLike) -> None:
                 raise FileError(_REFUSED.format(path))
 
 
+def note_input(path: PathLike | None) -> None:
+    """Remember a file that an input names, whether it is read or not."""
+    if path is not None:
+        note_read(path)
+
+
 def note_planned(path: PathLike) -> None:
     """Remember a file that is to be written, if there is one to be replaced."""
     identity = _identity(path) if _guarding else None
@@ -75,8 +83,17 @@ def forget_read(path: PathLike) -> None:
     _read.discard(_identity(path) or (-1, -1))
 
 
+def note_written(path: PathLike) -> None:
+    """Remember a file as an output that is finished."""
+    identity = _identity(path) if _guarding else None
+    if identity is not None:
+        _written.add(identity)
+
+
 def check_not_read(path: PathLike) -> None:
-    """Raise `FileError` if writing ``path`` would replace a file that was read."""
+    """Raise `FileError` if writing ``path`` would replace a file that was read, or another output."""
+    if _guarding and _identity(path) in _written:
+        raise FileError(f"{path}: is another output of this command, just written; give them different names")
     if _guarding and _identity(path) in _read:
         raise FileError(_REFUSED.format(path))
 

@@ -12,7 +12,16 @@ from pathlib import Path
 from intaglio.arrays import PathLike
 from intaglio.checks import checked_path
 from intaglio.errors import FileError
-from intaglio.files.guard import check_not_read, forget_read, note_planned, note_read, settling, tell_made, unfinished
+from intaglio.files.guard import (
+    check_not_read,
+    forget_read,
+    note_planned,
+    note_read,
+    note_written,
+    settling,
+    tell_made,
+    unfinished,
+)
 
 
 def check_readable(path: PathLike) -> Path:
@@ -58,7 +67,7 @@ def check_writable(path: PathLike, *, inputs: tuple[PathLike, ...] = ()) -> Path
         raise FileError(f"{path}: the folder {folder} does not exist; make it first")
     for given in inputs:
         if path.exists() and Path(given).exists() and os.path.samefile(path, given):
-            raise FileError(f"{path}: is the input itself; inputs are never overwritten, give another output")
+            raise FileError(f"{path}: is one of the inputs; inputs are never overwritten, give another output")
     check_not_read(path)
     note_planned(path)
     if path.exists() and not path.is_file():
@@ -138,6 +147,7 @@ def whole_folder(folder: PathLike) -> Iterator[Path]:
                     if target.is_dir():
                         os.replace(target, beside / f"old-{path.name}")
                     os.replace(path, target)
+                    note_written(target)
     except OSError as error:
         if isinstance(error, FileError):
             raise
@@ -178,6 +188,7 @@ def whole_file(path: PathLike) -> Iterator[Path]:
             forget_read(beside)
             _give_usual_permissions(beside)
             os.replace(beside, target)
+            note_written(target)
     except OSError as error:
         if isinstance(error, FileError):
             raise

@@ -51,7 +51,8 @@ def read_gltf(path: Path) -> RawMesh:
         if any("uri" in entry for name in ("buffers", "images") for entry in document.get(name) or ()):
             # Names are resolved here: trimesh knows no escaped ones.
             source = io.BytesIO(_self_contained(document, buffers, path))
-        kind = "gltf" if isinstance(source, io.BytesIO) else "glb"
+        with open(path, "rb") as file:
+            kind = "glb" if source == path and file.read(4) == b"glTF" else "gltf"
         with hushed():
             loaded = trimesh.load(source, file_type=kind, process=False, maintain_order=True, force="scene")
             parts = [part for part in loaded.dump() if isinstance(part, trimesh.Trimesh)]

@@ -10,12 +10,14 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError
-from intaglio.files import check_memory, check_readable
+from intaglio.files import check_memory, check_readable, note_input
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.polygons import polygon_triangles
 from intaglio.mesh.raw_mesh import RawMesh
 
 # Curves, patches and lines: what a surface of triangles has no use for.
+# What begins the lines of a material that name pictures.
+_MAPS = ("map_", "norm", "bump", "disp", "decal", "refl")
 _OTHER_SHAPES = (b"l", b"p", b"curv", b"curv2", b"surf", b"parm", b"trim", b"hole", b"cstype")
 
 
@@ -79,7 +81,7 @@ def read_obj(path: Path) -> RawMesh:
         which = _resolved(path, numbers[:, 1], counts, [b[1] for b in before], len(coordinates), "texture coordinates", gaps=True)
         uv = places[which][triangles]
     notes = [f"{sum(others.values())} lines of curves, patches, lines or points left out"] if others else []
-    pictures, of_material = _pictures(path, libraries, names, notes) if uv is not None else ((), {})
+    pictures, of_material = _pictures(path, libraries, names, notes if uv is not None else [])
     face_of = np.repeat(np.arange(len(counts)), counts)[triangles[:, 0]] if len(triangles) else np.zeros(0, int)
     shown = np.array([of_material.get(m, -1) for m in materials] or [-1])[face_of] if len(faces) else None
     return RawMesh(
@@ -87,7 +89,7 @@ def read_obj(path: Path) -> RawMesh:
         faces=at[triangles],
         color=color,
         uv=uv,
-        pictures=pictures,
+        pictures=pictures if uv is not None else (),
         picture=shown,
         notes=tuple(notes),
     )
@@ -231,6 +233,10 @@ def _pictures(path: Path, libraries: list[str], names: list[bytes], notes: list[
                 current = words[1].strip()
             elif len(words) == 2 and words[0].lower() == "map_kd":
                 named.setdefault(current, words[1].strip())
+            if len(words) == 2 and words[0].lower().startswith(_MAPS):
+                # Pictures that are not read are the mesh's all the same.
+                for name in (words[1], words[1].split()[-1]):
+                    note_input(find_beside(path.parent, name))
     found: list[Path] = []
     of_material: dict[int, int] = {}
     used = [name.decode("utf-8", "replace") for name in names]

@@ -13,7 +13,7 @@ import numpy as np
 from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_arguments, checked_flag
 from intaglio.errors import FileError, InputError, IntaglioError
-from intaglio.files import check_readable
+from intaglio.files import check_readable, note_input
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.base import Base, Cylinder, Plane, Sphere
 from intaglio.mesh.gltf_file import picture_of, read_gltf
@@ -235,9 +235,11 @@ def _raw_from_ply(ply: Ply, path: Path) -> RawMesh:
         uv = None if uv is None else np.concatenate([uv, np.full((len(more), 3, 2), np.nan)])
         faces = np.concatenate([faces, more])
     pictures = []
+    named = [c.split(None, 1)[1] for c in ply.comments if c.lower().startswith("texturefile ")]
+    found = [find_beside(path.parent, name) for name in named]
+    for picture in found:
+        note_input(picture)
     if uv is not None:
-        named = [c.split(None, 1)[1] for c in ply.comments if c.lower().startswith("texturefile ")]
-        found = [find_beside(path.parent, name) for name in named]
         pictures = [picture for picture in found if picture is not None]
         if len(pictures) < max(len(named), 1):
             missing = ", ".join(name for name, at in zip(named, found, strict=True) if at is None)
