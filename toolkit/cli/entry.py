@@ -29,7 +29,7 @@ from intaglio.cli.photometric import relight, represent
 from intaglio.cli.relief import complete
 from intaglio.cli.synthesis import rank, synthesize
 from intaglio.devices import device_or_error
-from intaglio.errors import InputError
+from intaglio.errors import InputError, IntaglioError
 from intaglio.files import IMAGE_SUFFIXES, READABLE_SUFFIXES, check_readable, check_writable
 from intaglio.geometry import POINT_FILES, holds_points
 from intaglio.mesh import WRITABLE
@@ -94,7 +94,7 @@ def render(
     check_writable(output, inputs=(mesh,))
     known_suffix(output, IMAGE_SUFFIXES, "image")
     shape = image_size(size)
-    if not max(abs(tilt), abs(slant)) <= _MOST_DEGREES:
+    if not (abs(tilt) <= _MOST_DEGREES and abs(slant) <= _MOST_DEGREES):
         raise InputError(f"--tilt and --slant must be finite numbers of degrees, from {-_MOST_DEGREES} to {_MOST_DEGREES}")
     render_on(device)
     surface = intaglio.read_surface(mesh, view=view)
@@ -154,32 +154,45 @@ def info(files: tuple[Path, ...], strict: bool, seed: int, device: str | None) -
     if not files:
         for line in system_facts(device):
             click.echo(line)
+    refused: list[IntaglioError] = []
     for path in files:
-        suffix = path.suffix.lower()
-        # os.path's is False for names that no file can have, pathlib's raises.
-        folder = os.path.isdir(path)
-        if not folder:
-            check_readable(path)
-        if folder and holds_material(path):
-            lines = material_facts(path)
-        elif folder or suffix in STACK_SUFFIXES:
-            lines = stack_facts(path)
-        elif suffix in POINT_FILES or (suffix in WRITABLE and holds_points(path)):
-            lines = point_facts(path)
-        elif suffix in WRITABLE:
-            lines = mesh_facts(path, strict)
-        elif is_texture(path):
-            lines = texture_facts(path)
-        elif suffix in READABLE_SUFFIXES:
-            lines = image_facts(path)
-        else:
-            known = ", ".join((*WRITABLE, *POINT_FILES, *READABLE_SUFFIXES, ".ptm", *STACK_SUFFIXES))
-            raise InputError(
-                f"{path}: no mesh, image, texture or stack's light positions ({known}, or a stack's or material's folder)"
-            )
+        try:
+            lines = _facts(path, strict)
+        except IntaglioError as problem:
+            refused.append(problem)
+            continue
         click.echo(str(path))
         for line in lines:
             click.echo(f"  {line}")
+    for error in refused[:-1]:
+        click.echo(f"intaglio: {error}", err=True)
+    if refused:
+        raise refused[-1]
+
+
+def _facts(path: Path, strict: bool) -> list[str]:
+    """Return what there is to say of a file or folder."""
+    suffix = path.suffix.lower()
+    # os.path's is False for names that no file can have, pathlib's raises.
+    folder = os.path.isdir(path)
+    if not folder:
+        check_readable(path)
+    if folder and holds_material(path):
+        return material_facts(path)
+    if folder or suffix in STACK_SUFFIXES:
+        return stack_facts(path)
+    if suffix in POINT_FILES or (suffix in WRITABLE and holds_points(path)):
+        return point_facts(path)
+    if suffix in WRITABLE:
+        return mesh_facts(path, strict)
+    if is_texture(path):
+        return texture_facts(path)
+    if suffix in READABLE_SUFFIXES:
+        return image_facts(path)
+    raise InputError(
+        f"{path}: {suffix or 'without a suffix it'} is no type of mesh, points, image, texture or list of lights that is known; "
+        "files of cameras are for texture"
+    )
 
 
 def _opaque(image: Array) -> Array:

@@ -42,6 +42,8 @@ class _Meshing:
     closed: bool
 
     def __post_init__(self) -> None:
+        if self.mesh_cell is not None and not np.isfinite(self.mesh_cell):
+            raise InputError(f"--mesh-cell must be a finite length, not {self.mesh_cell}")
         if self.mesh is None and (self.closed or self.mesh_cell is not None):
             raise InputError(f"--{'closed' if self.closed else 'mesh-cell'} goes with --mesh")
 

@@ -11,7 +11,7 @@ from typing import Any
 import click
 import numpy as np
 
-from intaglio.cli.options import FilePath, Numbers, common, grouped, image_size, known_suffix, render_on
+from intaglio.cli.options import FilePath, Numbers, common, grouped, image_size, known_suffix, render_on, was_given
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import IMAGE_SUFFIXES, READABLE_SUFFIXES, check_folder, check_readable, check_writable, write_image
@@ -217,6 +217,9 @@ def relight(
         raise InputError(f"--exposure must be a number from 1e-6 to 1e6, not {exposure}")
     if bits == "16" and output.suffix.lower() not in (".png", ".tif", ".tiff"):
         raise InputError(f"--bits 16: {output.suffix} has no 16 bits; write .png or .tif")
+    for name in ("repeat", "direction", "size", "samples"):
+        if mesh is None and was_given(name):
+            raise InputError(f"--{name} goes with --mesh; flat, a texture is lit as it is")
     towards = light_direction(tilt, slant) if light is None else np.array(light)
     loaded = read_relightable(texture)
     if mesh is None:

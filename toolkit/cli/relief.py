@@ -12,7 +12,7 @@ import intaglio
 from intaglio.cli.options import Extent, FilePath, HoleChoice, Numbers, common, known_suffix
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
-from intaglio.mesh import WRITABLE
+from intaglio.mesh import WRITABLE, files_beside
 from intaglio.progress import ProgressBar
 from intaglio.relief import FRAMES, METRICS, ORDERS, RULES, SEARCHES
 
@@ -103,6 +103,8 @@ def complete(
         known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
     surface = intaglio.read_surface(scan, view=view, strict=strict)
+    for file in files_beside(surface, output):
+        check_writable(file, inputs=(scan,))
     start = time.perf_counter()
     try:
         whole = _complete(surface, options)

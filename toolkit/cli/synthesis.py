@@ -425,6 +425,8 @@ def rank(
         if not inputs[0].exists():
             raise InputError(f"{inputs[0]}: no such folder; -o writes the page of a study")
         raise InputError("-o is for the page of a study's folder; ranks are printed")
+    if len({path.resolve() for path in inputs}) < len(inputs):
+        raise InputError("the same table is given twice: its ranks would count double; give each once")
     wanted = None if methods is None else [m.strip() for m in methods.split(",") if m.strip()]
     names, ranks = read_ranks(inputs, wanted)
     test, pairs = friedman(ranks), multiple_comparison(ranks, alpha)

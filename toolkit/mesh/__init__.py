@@ -24,7 +24,7 @@ from intaglio.mesh.topology import (
     unique_edges,
     used_vertices,
 )
-from intaglio.mesh.writing import WRITABLE, check_single_precision, color_fields, ply_table, write_surface
+from intaglio.mesh.writing import WRITABLE, check_single_precision, color_fields, files_beside, ply_table, write_surface
 
 __all__ = [
     "POINT_FILES",
@@ -48,6 +48,7 @@ __all__ = [
     "edge_keys",
     "equal_places",
     "face_the_scan",
+    "files_beside",
     "following",
     "grid_faces",
     "holds_points",

@@ -105,6 +105,14 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
             _write_trimesh(surface, beside, kind)
 
 
+def files_beside(surface: Surface, path: Path) -> list[Path]:
+    """Return the files that `write_surface` writes beside ``path``: a picture, and an OBJ's materials."""
+    kind = path.suffix.lower()
+    if surface.picture is None or surface.uv is None or kind not in (".ply", ".obj"):
+        return []
+    return [picture_file(path, surface.picture), *([material_file(path)] if kind == ".obj" else [])]
+
+
 def check_single_precision(surface: Surface, path: Path) -> None:
     """Raise `InputError` for coordinates too large for 32-bit floats, and warn where these would round them visibly."""
     largest = float(np.abs(surface.vertices).max(initial=0))

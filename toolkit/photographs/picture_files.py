@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from intaglio.errors import InputError
-from intaglio.files import READABLE_SUFFIXES, check_readable, read_samples
+from intaglio.files import READABLE_SUFFIXES, check_readable, note_input, read_samples
 from intaglio.photographs.camera import Camera
 from intaglio.photographs.camera_parts import short
 
@@ -47,6 +47,7 @@ class PictureFolders:
 
     def __init__(self, cameras: Path, images: Path | None, named: list[Path]) -> None:
         self._index: dict[str, list[Path]] | None = None
+        self._beside = cameras if images is not None else None
         if images is not None:
             self.folders = [images]
             self._roots = [images]
@@ -68,6 +69,9 @@ class PictureFolders:
             If several files could be it.
         """
         wanted = PurePosixPath(name.replace("\\", "/"))
+        if self._beside is not None:
+            # A photograph that lies where the list says is an input, also where others are taken in its place.
+            note_input(self._beside / wanted)
         if wanted.is_absolute() and _is_file(Path(name)):
             return Path(name)
         # Exported calibrations may hold paths of another machine: the end of them counts.
