@@ -152,6 +152,8 @@ def represent(
         write_web_planes(texture, output, tiles=tiles)
     else:
         write_relightable(texture, output)
+    if output.suffix.lower() == ".ptm" and texture.kind != "ptm":
+        click.echo("  .ptm holds the six coefficients of a polynomial, to which the texture was approximated", err=True)
     seconds = time.perf_counter() - start
     height, width, channels = texture.shape
     colour = "colour" if channels == 3 else "grey"

@@ -32,7 +32,7 @@ def read_obj(path: Path) -> RawMesh:
         If a face names a vertex that does not exist.
     """
     size = check_readable(path).stat().st_size
-    check_memory(path, 8 * size, "its lines")
+    check_memory(path, 8 * size, "its content")
     content = path.read_bytes().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     if b"\0" in content[:4096]:
         raise FileError(f"{path}: is named .obj, but its content is not text")

@@ -27,7 +27,7 @@ def read_off(path: Path) -> RawMesh:
     InputError
         If a face names a vertex that does not exist.
     """
-    check_memory(path, 8 * check_readable(path).stat().st_size, "its lines")
+    check_memory(path, 8 * check_readable(path).stat().st_size, "its content")
     rows = [line.split(b"#", 1)[0].split() for line in path.read_bytes().splitlines()]
     rows = [row for row in rows if row]
     if not rows:

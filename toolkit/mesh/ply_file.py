@@ -104,7 +104,7 @@ def read_ply(path: Path) -> Ply:
         size = path.stat().st_size - int(start)
         _check_room(path, elements, size, order)
         # Text becomes eight bytes a value, and is held beside them while it is read.
-        check_memory(path, size if order else 6 * size, "its values")
+        check_memory(path, size if order else 6 * size, "its content")
         body = file.read()
     rows: _Rows = _BinaryRows(path, body, order) if order else _TextRows(path, body)
     content = {element.name: _read_element(rows, element) for element in elements}

@@ -98,7 +98,8 @@ def named(count: int, what: str) -> str:
 
 def plain(error: BaseException) -> str:
     """Return what a foreign error says, on one short line."""
-    said = " ".join(str(error).split())[:160]
+    # What libE57 says for its own authors comes after that word.
+    said = " ".join(str(error).split()).split(" Debug info", 1)[0][:160]
     return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 

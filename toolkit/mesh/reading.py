@@ -186,6 +186,8 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
                 "holds points but no faces; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
             )
         return surface_from_points(raw.vertices, np.asarray(view, np.float64), color=color)
+    if view is not None:
+        notes += ("view is for points and range grids: this is a mesh, which needs none",)
     mending = mend_faces(raw.vertices, raw.faces)
     if strict and mending.notes:
         raise InputError(

@@ -26,7 +26,7 @@ def read_stl(path: Path) -> RawMesh:
         If it is neither binary nor text STL, or shorter than it should be.
     """
     size = check_readable(path).stat().st_size
-    check_memory(path, 6 * size, "its triangles")
+    check_memory(path, 6 * size, "its content")
     content = path.read_bytes()
     promised = int.from_bytes(content[80:_HEADER], "little") if size >= _HEADER else -1
     begins = content[:512].lstrip()[:5].lower() == b"solid"

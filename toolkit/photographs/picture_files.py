@@ -75,8 +75,9 @@ class PictureFolders:
         if wanted.is_absolute() and _is_file(Path(name)):
             return Path(name)
         # Exported calibrations may hold paths of another machine: the end of them counts.
-        tails = [PurePosixPath(*wanted.parts[k:]) for k in range(len(wanted.parts)) if wanted.parts[k] not in ("/", "..")]
-        for tail in (tails[0], tails[-1]) if tails else ():
+        starts = [k for k, part in enumerate(wanted.parts) if part not in ("/", "..")]
+        tails = [PurePosixPath(*wanted.parts[k:]) for k in (starts[0], starts[-1])] if starts else []
+        for tail in tails:
             for folder in self.folders:
                 for candidate in (folder / tail, *(folder / f"{tail}{suffix}" for suffix in READABLE_SUFFIXES)):
                     if _is_file(candidate):
