@@ -636,6 +636,17 @@ def test_a_ptx_file_of_blank_lines(tmp_path):
         read_point_file(tmp_path / "a.ptx")
 
 
+def test_what_the_unpacking_of_points_says_is_not_printed(tmp_path, capfd):
+    points, color = cloud()
+    write_las(tmp_path / "a.laz", points, color, form=3)
+    data = (tmp_path / "a.laz").read_bytes()
+    record = data.index(b"laszip encoded") - 2 + 54
+    (tmp_path / "a.laz").write_bytes(data[: record + 12] + struct.pack("<I", 0) + data[record + 16 :])
+    with pytest.raises(FileError, match=r"a\.laz: can't be read as LAZ"):
+        read_point_file(tmp_path / "a.laz")
+    assert capfd.readouterr() == ("", "")
+
+
 def test_chunks_of_more_points_than_memory(tmp_path, monkeypatch):
     """The library that unpacks them would end the process."""
     monkeypatch.setenv("INTAGLIO_MEMORY", "1")

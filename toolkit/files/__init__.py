@@ -7,7 +7,7 @@ from intaglio.files.images import read_image, read_image_with_type, read_samples
 from intaglio.files.limits import check_memory, limit_memory, memory_limit
 from intaglio.files.pages import inline_image, listing, picture_row, table, write_page
 from intaglio.files.paths import check_folder, check_readable, check_writable, whole_file, whole_folder
-from intaglio.files.quiet import hushed
+from intaglio.files.quiet import hushed, hushed_streams
 
 __all__ = [
     "IMAGE_SUFFIXES",
@@ -18,6 +18,7 @@ __all__ = [
     "check_writable",
     "guard_inputs",
     "hushed",
+    "hushed_streams",
     "inline_image",
     "limit_memory",
     "listing",

@@ -10,7 +10,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.errors import FileError, InputError, IntaglioError
-from intaglio.files import check_memory
+from intaglio.files import check_memory, hushed_streams
 from intaglio.mesh.point_cloud import PointFile, colors_from, colors_of_words, named, plain
 
 # Points that are decoded at once, and bytes that a point takes while it is read.
@@ -48,7 +48,8 @@ def read_las(path: Path) -> PointFile:
     _check_las(path)
     parts: list[dict[str, Array]] = []
     try:
-        with laspy.open(path, read_evlrs=False) as file:
+        # A panic in lazrs is written to the process's errors before it is raised.
+        with hushed_streams(), laspy.open(path, read_evlrs=False) as file:
             count = file.header.point_count
             if file.header.are_points_compressed:
                 _check_chunks(lazrs, path, file.header)
@@ -57,7 +58,7 @@ def read_las(path: Path) -> PointFile:
                 parts.append(_las_columns(chunk, fields))
     except (KeyboardInterrupt, SystemExit, MemoryError, IntaglioError):
         raise
-    except BaseException as problem:  # a panic in lazrs is no Exception
+    except BaseException as problem:  # a panic is no Exception
         raise FileError(f"{path}: can't be read as {path.suffix[1:].upper()} ({plain(problem)})") from problem
     columns = {name: np.concatenate([part[name] for part in parts]) for name in fields} if parts else {}
     found = len(columns["points"]) if columns else 0
