@@ -641,7 +641,9 @@ def test_what_the_unpacking_of_points_says_is_not_printed(tmp_path, capfd):
     write_las(tmp_path / "a.laz", points, color, form=3)
     data = (tmp_path / "a.laz").read_bytes()
     record = data.index(b"laszip encoded") - 2 + 54
-    (tmp_path / "a.laz").write_bytes(data[: record + 12] + struct.pack("<I", 0) + data[record + 16 :])
+    # A point of no items has no size, by which the library divides.
+    assert struct.unpack_from("<H", data, record + 32) == (3,)
+    (tmp_path / "a.laz").write_bytes(data[: record + 32] + struct.pack("<H", 0) + data[record + 34 :])
     with pytest.raises(FileError, match=r"a\.laz: can't be read as LAZ"):
         read_point_file(tmp_path / "a.laz")
     assert capfd.readouterr() == ("", "")
