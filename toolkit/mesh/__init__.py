@@ -6,7 +6,7 @@ from intaglio.mesh.point_cloud import PointFile
 from intaglio.mesh.point_files import POINT_FILES, holds_points, read_point_file
 from intaglio.mesh.points import surface_from_points, surface_from_range_image
 from intaglio.mesh.raw_mesh import RawMesh, samples_of
-from intaglio.mesh.reading import load_mesh, picture_of, read_mesh_file, read_surface, vertex_colors
+from intaglio.mesh.reading import read_mesh_file, read_surface
 from intaglio.mesh.smooth_base import SmoothBase
 from intaglio.mesh.surface import Surface, vertex_normals
 from intaglio.mesh.topology import (
@@ -53,11 +53,9 @@ __all__ = [
     "grid_faces",
     "holds_points",
     "largest_faces",
-    "load_mesh",
     "mend_surface",
     "opposite_edges",
     "perpendicular",
-    "picture_of",
     "pieces",
     "ply_table",
     "read_mesh_file",
@@ -69,7 +67,6 @@ __all__ = [
     "unique_edges",
     "unit",
     "used_vertices",
-    "vertex_colors",
     "vertex_normals",
     "write_surface",
 ]

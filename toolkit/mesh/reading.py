@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from intaglio.errors import FileError, InputError, IntaglioError
 from intaglio.files import check_readable, note_input
 from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.base import Base, Cylinder, Plane, Sphere
-from intaglio.mesh.gltf_file import picture_of, read_gltf
+from intaglio.mesh.gltf_file import read_gltf
 from intaglio.mesh.mending import mend_faces, mend_surface
 from intaglio.mesh.obj_file import find_beside, read_obj
 from intaglio.mesh.off_file import read_off
@@ -401,43 +400,6 @@ def _from_range_grid(ply: Ply, view: Sequence[float] | None) -> Surface:
         cells[index >= 0] = colors[index[index >= 0]]
         color = cells.reshape(rows, columns, 3)
     return surface_from_range_image(points.reshape(rows, columns, 3), view=stood, color=color)
-
-
-def load_mesh(path: Path) -> Any:
-    """Return a file's mesh as trimesh reads it, the parts of a scene joined; `FileError` if it can't be read."""
-    import trimesh
-
-    try:
-        loaded = trimesh.load(path, process=False, maintain_order=True)
-        if isinstance(loaded, trimesh.Scene):
-            parts = [g for g in loaded.dump() if isinstance(g, trimesh.Trimesh)]
-            if not parts:
-                raise InputError("holds no mesh")
-            loaded = parts[0] if len(parts) == 1 else trimesh.util.concatenate(parts)
-    except InputError:
-        raise
-    except Exception as error:
-        kind = path.suffix[1:].upper()
-        raise FileError(f"{path}: can't be read as {kind} ({type(error).__name__}: {error})") from error
-    return loaded
-
-
-def vertex_colors(mesh: Any, count: int) -> Array | None:
-    """Return the vertex colours as linear floats, if the mesh has colours; a texture is sampled at the vertices."""
-    visual: Any = getattr(mesh, "visual", None)
-    if getattr(visual, "kind", None) == "texture" and getattr(visual, "uv", None) is not None:
-        if picture_of(visual) is None:
-            return None
-        visual = visual.to_color()
-    colors = None
-    if getattr(visual, "kind", None) == "vertex" or (visual is not None and hasattr(visual, "vertex_colors")):
-        if getattr(visual, "kind", None) in ("vertex", "face", None) and getattr(visual, "defined", True):
-            colors = np.asarray(visual.vertex_colors)
-    elif getattr(mesh, "colors", None) is not None and len(mesh.colors) == count:
-        colors = np.asarray(mesh.colors)
-    if colors is None or colors.ndim != 2 or len(colors) != count:
-        return None
-    return decode_srgb(colors[:, :3].astype(np.float32) / 255.0)
 
 
 def _model_from(comments: list[str], foot: Array, normals: Array, faces: Array) -> Base | None:
