@@ -246,3 +246,9 @@ def test_holes_are_named_by_the_scans_own_vertices(wave_sheet):
     )
     for first, second in zip(intaglio.list_holes(holed), intaglio.list_holes(stray), strict=True):
         np.testing.assert_array_equal(first.loop + 3, second.loop)
+
+
+def test_messages_name_the_option(monkeypatch, capsys, scan_file, tmp_path):
+    status, _, err = run(monkeypatch, capsys, "complete", scan_file, "-o", tmp_path / "o.ply", "--color-weight", 3)
+    assert status == 2
+    assert err.startswith("intaglio: --color-weight must be")

@@ -92,7 +92,7 @@ def test_a_project_is_textured_as_it_lies_on_disk(project, run):
         (["-o", "out.stl"], "unknown textured mesh type"),
         (["-o", "view0.coverage.glb", "--leave-out", "nobody"], "no such view"),
         (["-o", "out.glb", "--importance", "1.2"], "--view"),
-        (["-o", "out.glb", "--background-threshold", "nan"], "background_threshold"),
+        (["-o", "out.glb", "--background-threshold", "nan"], "background-threshold"),
         (["-o", "view0.obj"], "is one of the inputs"),
         (["-o", "none/out.glb"], "does not exist"),
         (["-o", "out.glb", "--leave-out", "view0.png", "--leave-out", "view1.png", "--leave-out", "view2.png"], "no photograph"),

@@ -112,6 +112,13 @@ def grouped(name: str, make: Callable[..., Any], *options: Callable[..., Any]) -
     return decorate
 
 
+def _by_option(message: str, command: click.Command) -> str:
+    """Return a message that begins with an argument's name with the option's in its place, as the user wrote it."""
+    name, space, rest = message.partition(" ")
+    options = {param.name for param in command.params if isinstance(param, click.Option)}
+    return f"--{name.replace('_', '-')}{space}{rest}" if name in options else message
+
+
 def common(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that every command has; --quiet and --memory are obeyed here, and long work says so."""
 
@@ -119,8 +126,12 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     def start(*args: Any, quiet: bool, memory: float | None, **values: Any) -> Any:
         be_quiet(quiet)
         limit_memory(memory)
-        with Stage(click.get_current_context().command_path.removeprefix("intaglio ")):
-            return command(*args, **values)
+        context = click.get_current_context()
+        with Stage(context.command_path.removeprefix("intaglio ")):
+            try:
+                return command(*args, **values)
+            except InputError as error:
+                raise InputError(_by_option(str(error), context.command)) from error
 
     for option in (
         click.option("--quiet", is_flag=True, help="Show no progress."),

@@ -63,7 +63,7 @@ _SETTINGS = (
 @click.option("--tolerance", type=float, default=0.1, show_default=True, help="near-best: how much above the least error.")
 @click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
 @click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
-@click.option("--bootstrap", is_flag=True, help="Filled vertices become samples (needs --refine 0).")
+@click.option("--bootstrap", is_flag=True, help="Filled vertices become samples; there is no refinement then.")
 @click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @click.option("--strict", is_flag=True, help="Refuse a mesh whose faces must be mended to join as a surface.")
 @click.option("--truth", type=FilePath(), default=None, help="Known surface, for the report.")
@@ -109,6 +109,9 @@ def complete(
     try:
         whole = _complete(surface, options)
     except (InputError, intaglio.FitError) as error:
+        if str(error).partition(" ")[0] in options:
+            # About an option, not about the scan.
+            raise
         raise type(error)(f"{scan}: {error}") from error
     for note in whole.notes:
         click.echo(f"  {note}", err=True)
