@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -155,7 +154,7 @@ def texture(
     surface = read_surface(mesh, strict=strict)
     photographs = read_photographs(cameras, images=images, strict=strict)
     for path in files_of(output):
-        check_writable(path, inputs=(mesh, cameras, *_materials(mesh), *_pictures(photographs)))
+        check_writable(path, inputs=(mesh, cameras, *_pictures(photographs)))
     unknown = sorted(set(leave_out) - {p.name for p in photographs})
     if unknown:
         some = ", ".join(p.name for p in photographs[:5])
@@ -212,20 +211,6 @@ def texture(
 
 def _pictures(photographs: list[Photograph]) -> list[Path]:
     return [p.picture for p in photographs if isinstance(p.picture, Path)]
-
-
-def _materials(mesh: Path) -> list[Path]:
-    """Return the material and picture files that an OBJ names."""
-    if mesh.suffix.lower() != ".obj":
-        return []
-    found = []
-    for name in re.findall(r"^mtllib\s+(.+?)\s*$", mesh.read_text("utf-8", "replace"), re.MULTILINE):
-        library = mesh.parent / name
-        found.append(library)
-        if library.is_file():
-            text = library.read_text("utf-8", "replace")
-            found += [mesh.parent / n for n in re.findall(r"^\s*(?:map_\w+|bump|disp|norm)\s.*?(\S+)\s*$", text, re.MULTILINE)]
-    return found
 
 
 @click.command(epilog="Example: intaglio restore photograph.png scratches.png -o restored.png --report restored.html")

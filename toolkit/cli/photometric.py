@@ -14,7 +14,7 @@ import numpy as np
 from intaglio.cli.options import FilePath, Numbers, common, grouped, image_size, known_suffix, render_on, was_given
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
-from intaglio.files import IMAGE_SUFFIXES, READABLE_SUFFIXES, check_folder, check_readable, check_writable, write_image
+from intaglio.files import IMAGE_SUFFIXES, check_folder, check_readable, check_writable, write_image
 from intaglio.photometric import (
     KINDS,
     MAP_NAMES,
@@ -166,15 +166,6 @@ def represent(
         click.echo(f"wrote {', '.join(str(p) for p in written)}")
 
 
-def _mesh_files(mesh: Path | None) -> tuple[Path, ...]:
-    """Return a mesh's file and the images beside it that it, or a material file, mentions."""
-    if mesh is None or not mesh.is_file():
-        return ()
-    texts = [f.read_bytes() for f in (mesh, *mesh.parent.glob("*.mtl")) if f.is_file()]
-    images = [p for p in mesh.parent.iterdir() if p.suffix.lower() in READABLE_SUFFIXES]
-    return (mesh, *(p for p in images if any(p.name.encode() in text for text in texts)))
-
-
 @click.command(epilog="Example: intaglio relight texture.exr -o lit.png --tilt 135 --slant 60")
 @click.argument("texture", type=FilePath())
 @click.option("-o", "--output", required=True, type=FilePath(), help="Image to write.")
@@ -211,7 +202,7 @@ def relight(
 
     On a mesh, light and eye are in the mesh's coordinates.
     """
-    check_writable(output, inputs=(texture, *_mesh_files(mesh)))
+    check_writable(output, inputs=(texture,) if mesh is None else (texture, mesh))
     known_suffix(output, IMAGE_SUFFIXES, "image")
     if not np.isfinite([tilt, slant]).all():
         raise InputError("--tilt and --slant must be finite numbers of degrees")

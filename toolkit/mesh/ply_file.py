@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -167,23 +168,23 @@ def _check_room(path: Path, elements: list[_Element], size: int, order: str) -> 
             )
 
 
-class _Rows:
+class _Rows(ABC):
     """The body of a PLY file, from which rows are taken in order."""
 
     def __init__(self, path: Path, end: int) -> None:
         self.path, self.end = path, end
         self.at = 0
 
+    @abstractmethod
     def lengths(self, element: _Element, at: int) -> tuple[tuple[int, ...], int]:
         """Return the lengths of the lists in the row that starts at ``at``, and where the next row starts."""
-        raise NotImplementedError
 
+    @abstractmethod
     def block(self, element: _Element, lengths: tuple[int, ...], rows: int) -> tuple[dict[str, Array], int]:
         """Return the columns of up to ``rows`` rows whose lists have these lengths, and how many rows these are.
 
         A list's column is (rows, length). The rows are taken.
         """
-        raise NotImplementedError
 
     def cut_off(self, element: _Element, found: int) -> FileError:
         """Return the error for a body that ends too early."""

@@ -163,7 +163,7 @@ def _from_points(found: PointFile, view: Sequence[float] | None) -> Surface:
     if direction is None:
         where = "several scan positions" if found.viewpoints is not None else "no scan position"
         raise InputError(
-            f"holds points and {where}; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
+            f"holds points, no faces, and {where}; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
         )
     surface = surface_from_points(found.points, direction, color=found.color)
     return replace(surface, notes=found.notes + surface.notes)
@@ -180,11 +180,7 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
         notes += (f"{error}; the mesh is read without its colours",)
         raw = replace(raw, pictures=())
     if len(raw.faces) == 0:
-        if view is None:
-            raise InputError(
-                "holds points but no faces; give the direction of sight (view=(x, y, z), --view x,y,z) to triangulate them"
-            )
-        return surface_from_points(raw.vertices, np.asarray(view, np.float64), color=color)
+        return _from_points(PointFile(raw.vertices, color=color, notes=notes), view)
     if view is not None:
         notes += ("view is for points and range grids: this is a mesh, which needs none",)
     mending = mend_faces(raw.vertices, raw.faces)
