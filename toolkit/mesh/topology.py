@@ -46,10 +46,14 @@ def following(edges: Array) -> Array:
 
 
 def unique_edges(faces: Array) -> Array:
-    """Return each undirected edge once, (E, 2) with the smaller index first."""
+    """Return each undirected edge once, (E, 2), the smaller index first, in ascending order."""
     if len(faces) == 0:
         return np.zeros((0, 2), np.int32)
-    return np.unique(np.sort(directed_edges(faces), axis=1), axis=0)
+    edges = np.sort(directed_edges(faces), axis=1)
+    count = int(edges[:, 1].max()) + 1
+    # Numbers sort several times faster than pairs.
+    keys = np.unique(edge_keys(edges, count))
+    return np.stack(np.divmod(keys, count), axis=1).astype(edges.dtype)
 
 
 def border_edges(faces: Array) -> Array:
