@@ -95,11 +95,14 @@ class Matches:
         Weighted mean square difference; 1e30 from ``count`` on.
     count : (T,) int32 array
         How many are listed; 0 where no candidate is viable.
+    spare : (T,) int32 array or None
+        Place in the list of an entry that is there only for being the least and must not be drawn, -1 for none; None: nowhere.
     """
 
     candidate: np.ndarray
     cost: np.ndarray
     count: np.ndarray
+    spare: np.ndarray | None = None
 
 
 class NeighborhoodMatcher:
@@ -159,7 +162,7 @@ class NeighborhoodMatcher:
         # The table of costs stays in the processor's caches.
         return int(np.clip(4_000_000 // row, 1, max(1, 192 // self.rotations)))
 
-    def match(self, value: np.ndarray, weight: np.ndarray, factor: float = 1.1) -> Matches:
+    def match(self, value: np.ndarray, weight: np.ndarray, factor: float = 1.1, draw: np.ndarray | None = None) -> Matches:
         """List the candidates within ``factor`` of the best for every target.
 
         Parameters
@@ -170,21 +173,25 @@ class NeighborhoodMatcher:
             Weights summing to 1 over each target's known points, 0 elsewhere.
         factor : float
             A candidate is listed if its cost is at most this times the least.
+        draw : (T,) array, optional
+            Numbers in [0, 1) by which candidates are thinned where more qualify than a list holds, each with the same chance;
+            without them the least alone are listed there.
         """
         count = len(value)
         value = np.ascontiguousarray(value, np.float32)
         weight = np.ascontiguousarray(weight, np.float32)
         shortlist = np.zeros((count, SHORTLIST), np.int32)
         listed = np.zeros(count, np.int32)
+        spare = np.full(count, -1, np.int32)
         at_once = self.targets_at_once
 
         def work(index: int) -> None:
             rows = slice(index * at_once, min((index + 1) * at_once, count))
             cost = self._costs(value[rows], weight[rows])
             slack = self._slack(value[rows], weight[rows])
-            select_near_best(
+            spare[rows] = select_near_best(
                 cost, slack, factor, shortlist[rows], listed[rows],
-                stride=self._stride, samples=self.samples,
+                stride=self._stride, samples=self.samples, draw=None if draw is None else draw[rows],
             )  # fmt: skip
 
         chunks = range(-(-count // at_once))
@@ -197,7 +204,7 @@ class NeighborhoodMatcher:
                 work(chunk)
         longest = max(1, int(listed.max(initial=0)))
         shortlist = np.ascontiguousarray(shortlist[:, :longest])
-        return Matches(shortlist, self.direct_cost(value, weight, shortlist, listed), listed)
+        return Matches(shortlist, self.direct_cost(value, weight, shortlist, listed), listed, spare)
 
     def pick_ranked(self, value: np.ndarray, weight: np.ndarray, share: float, pick: np.ndarray) -> Matches:
         """Pick one of the best ``share`` of all viable candidates per target: number ``pick`` (in [0, 1)) of them.

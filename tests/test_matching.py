@@ -148,6 +148,29 @@ def test_surface_metric_agrees_with_brute_force(wave_tube, device):
         assert costs[chosen] == pytest.approx(best, rel=2e-4, abs=1e-9)
 
 
+def test_more_near_best_candidates_than_the_list_holds_have_the_same_chance(device):
+    _, _, permutation = polar_grid(1, 1)
+    grid = permutation.shape[1]
+    # One best, 999 others within a tenth of it in a thousand steps, and 1,000 beyond.
+    cost = np.concatenate([[1.0], np.linspace(1.0, 1.09, 999), np.full(1000, 1.3)])
+    sample = np.tile(np.sqrt(cost)[:, None], (1, grid)).astype(np.float32)
+    matcher = NeighborhoodMatcher(sample, np.ones_like(sample), permutation, device=device)
+    targets = 4000
+    value, weight = np.zeros((targets, grid), np.float32), np.full((targets, grid), 1 / grid, np.float32)
+    draw = np.random.default_rng(0).uniform(size=targets)
+    matches = matcher.match(value, weight, 1.1, draw)
+    chosen, error = choose_near_best(matches.candidate, matches.cost, matches.count, 0.1, draw, matches.spare)
+    assert chosen.max() < 1000
+    assert error.max() <= 1.1
+    # Tenths of the 1,000 that qualify: 400 each are expected, with a standard deviation of 19.
+    tenths = np.bincount(chosen // 100, minlength=10)
+    assert tenths.min() > 320
+    assert tenths.max() < 480
+    # The best has the chance of any other, though it is in every list.
+    assert (matches.cost.min(axis=1) < 1.0001).all()
+    assert (chosen == 0).sum() < 20
+
+
 @pytest.mark.parametrize("engine", ["blas", "warp"])
 def test_the_best_of_too_many_is_never_thinned_away(engine, device):
     if engine == "blas" and device != "cpu":

@@ -184,14 +184,15 @@ class DisplacementMetric:
         self, targets: Array, value: Array, weight: Array, state: State, selection: Selection, draw: Array
     ) -> tuple[Array, Array]:
         if selection.rule == "near-best":
-            matches = self._matches(targets, value, weight, state, 1 + selection.tolerance)
-            return choose_near_best(matches.candidate, matches.cost, matches.count, selection.tolerance, draw)
+            matches = self._matches(targets, value, weight, state, 1 + selection.tolerance, draw)
+            tolerance = selection.tolerance
+            return choose_near_best(matches.candidate, matches.cost, matches.count, tolerance, draw, matches.spare)
         ranked = self._matcher.pick_ranked(value, weight, selection.eta / 100, draw)
         return np.where(ranked.count > 0, ranked.candidate[:, 0], -1), ranked.cost[:, 0]
 
-    def _matches(self, targets: Array, value: Array, weight: Array, state: State, factor: float) -> Matches:
+    def _matches(self, targets: Array, value: Array, weight: Array, state: State, factor: float, draw: Array) -> Matches:
         if not self._approximate:
-            return self._matcher.match(value, weight, factor)
+            return self._matcher.match(value, weight, factor, draw)
         coarse = self._matcher.match(value, weight, _LANDMARK_FACTOR)
         order = np.argsort(coarse.cost, axis=1, kind="stable")[:, :_BEST_LANDMARKS]
         best = np.take_along_axis(coarse.candidate, order, axis=1)

@@ -135,8 +135,13 @@ def _take_from_neighbors(state: State, vertices: Array, graph: csr_array) -> Non
     state.textured[vertices] = True
 
 
-def choose_near_best(candidate: Array, cost: Array, count: Array, tolerance: float, draw: Array) -> tuple[Array, Array]:
+def choose_near_best(
+    candidate: Array, cost: Array, count: Array, tolerance: float, draw: Array, spare: Array | None = None
+) -> tuple[Array, Array]:
     """Choose at random among the listed candidates whose cost is at most ``1 + tolerance`` times the least.
+
+    ``spare`` (T,) is the place in each list of an entry that says what the least is, but had no part in the drawing of the list:
+    it is chosen only if nothing else can be; -1 for none.
 
     Returns
     -------
@@ -150,6 +155,9 @@ def choose_near_best(candidate: Array, cost: Array, count: Array, tolerance: flo
     listed = np.arange(candidate.shape[1]) < count[:, None]
     best = np.where(listed, cost, np.inf).min(axis=1)
     eligible = listed & (cost <= (1 + tolerance) * best[:, None])
+    if spare is not None:
+        drawn = eligible & (np.arange(candidate.shape[1]) != spare[:, None])
+        eligible = np.where(drawn.any(axis=1)[:, None], drawn, eligible)
     wanted = np.minimum((draw * eligible.sum(axis=1)).astype(int), np.maximum(eligible.sum(axis=1) - 1, 0))
     at = np.argmax(np.cumsum(eligible, axis=1) == wanted[:, None] + 1, axis=1)
     rows = np.arange(len(count))

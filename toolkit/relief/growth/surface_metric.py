@@ -71,12 +71,12 @@ class SurfaceMetric:
             if near_best:
                 shortlist = np.zeros((len(part), SHORTLIST), np.int32)
                 count = np.zeros(len(part), np.int32)
-                select_near_best(
+                spare = select_near_best(
                     cost, np.zeros(len(part), np.float32), 1 + selection.tolerance, shortlist, count,
-                    stride=sample_count, samples=sample_count,
+                    stride=sample_count, samples=sample_count, draw=draw[rows],
                 )  # fmt: skip
                 found = np.take_along_axis(cost.numpy(), shortlist, axis=1).astype(np.float64)
-                chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.tolerance, draw[rows])
+                chosen[rows], error[rows] = choose_near_best(shortlist, found, count, selection.tolerance, draw[rows], spare)
             else:
                 best, count = pick_by_rank(cost.numpy(), selection.eta / 100, draw[rows])
                 chosen[rows] = np.where(count > 0, best[:, 0], -1)
