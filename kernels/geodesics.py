@@ -18,6 +18,84 @@ wp.set_module_options({"enable_backward": False})
 _MOST_CROSSINGS = wp.constant(1_000_000)
 
 
+@wp.func
+def go_straight(mesh: Triangles, face: int, weight: wp.vec3, ahead: wp.vec3, behind: int, length: float):
+    """Walk straight on by ``length``; return the face, or -1 beyond a border, the place in it, the direction, and the edge behind.
+
+    ``behind`` is the corner opposite the edge that the walk came in by, or -1. Within a triangle barycentric coordinates change by
+    travel * slope; across an edge the direction is unfolded.
+    """
+    at = int(face)
+    b = weight
+    direction = ahead
+    entered = int(behind)
+    left = float(length)
+    found = int(-1)
+    step = int(0)
+    while found < 0 and at >= 0 and step < _MOST_CROSSINGS:
+        p0 = mesh.points[mesh.faces[at, 0]]
+        p1 = mesh.points[mesh.faces[at, 1]]
+        p2 = mesh.points[mesh.faces[at, 2]]
+        n = wp.cross(p1 - p0, p2 - p0)
+        area = wp.dot(n, n)
+        if area == 0.0:
+            at = -1
+        else:
+            # The barycentric coordinates' change for a unit of length along the direction.
+            slope = wp.vec3(
+                wp.dot(wp.cross(p2 - p1, direction), n) / area,
+                wp.dot(wp.cross(p0 - p2, direction), n) / area,
+                wp.dot(wp.cross(p1 - p0, direction), n) / area,
+            )
+            travel = left
+            leave = int(-1)
+            for c in range(3):
+                if c != entered and slope[c] < 0.0:
+                    t = wp.max(b[c], 0.0) / (-slope[c])
+                    if t < travel:
+                        travel = t
+                        leave = c
+            b = b + travel * slope
+            left = left - travel
+            if leave < 0:
+                found = at
+            else:
+                # The walk leaves through the edge opposite corner ``leave``, from corner ``leave + 1`` to ``leave + 2``.
+                edge = (leave + 1) % 3
+                first = mesh.faces[at, edge]
+                last = mesh.faces[at, (edge + 1) % 3]
+                share = b[(edge + 1) % 3] / wp.max(b[edge] + b[(edge + 1) % 3], 1.0e-12)
+                beyond = mesh.across[at, edge]
+                if beyond >= 0:
+                    along = wp.normalize(mesh.points[last] - mesh.points[first])
+                    outward = wp.cross(along, wp.normalize(n))
+                    m = face_normal(mesh, beyond)
+                    # The triangles are unfolded about the edge: what pointed out of this one points into the next.
+                    direction = wp.normalize(
+                        wp.dot(direction, along) * along + wp.max(wp.dot(direction, outward), 0.0) * wp.cross(along, m)
+                    )
+                    b = wp.vec3(0.0, 0.0, 0.0)
+                    for c in range(3):
+                        vertex = mesh.faces[beyond, c]
+                        if vertex == first:
+                            b[c] = 1.0 - share
+                        elif vertex == last:
+                            b[c] = share
+                        else:
+                            entered = c
+                at = beyond
+        step = step + 1
+    return found, b, direction, entered
+
+
+@wp.func
+def into_face(mesh: Triangles, face: int, point: wp.vec3) -> wp.vec3:
+    """Return where a point at or near a face lies in it: it may lie a little outside, where base and facet differ."""
+    b = face_barycentric(mesh, face, point)
+    b = wp.vec3(wp.max(b[0], 0.0), wp.max(b[1], 0.0), wp.max(b[2], 0.0))
+    return b / wp.max(b[0] + b[1] + b[2], 1.0e-12)
+
+
 @wp.kernel
 def trace_kernel(
     start: int,
@@ -29,86 +107,62 @@ def trace_kernel(
     face: wp.array2d[wp.int32],
     weight: wp.array2d[wp.vec2],
 ):
-    """Walk from a foot straight on along every offset g, by |g| in direction g_x u + g_y v; -1 where the surface ends before.
-
-    Within a triangle barycentric coordinates change by travel * slope; across an edge the direction is unfolded.
-    """
+    """Walk from a foot straight on along every offset g, by |g| in direction g_x u + g_y v; -1 where the surface ends before."""
     i = start + wp.tid()
     origin_face = first_face[i]
-    b0 = face_barycentric(mesh, origin_face, centers.foot[i])
-    # The foot may lie a little outside its triangle, since the normals of base and facet differ: it is moved into it.
-    b0 = wp.vec3(wp.max(b0[0], 0.0), wp.max(b0[1], 0.0), wp.max(b0[2], 0.0))
-    b0 = b0 / wp.max(b0[0] + b0[1] + b0[2], 1.0e-12)
+    b0 = into_face(mesh, origin_face, centers.foot[i])
     n0 = face_normal(mesh, origin_face)
     for k in range(offsets.shape[0]):
         g = offsets[k]
-        at = origin_face
-        b = b0
-        left = wp.length(g)
-        direction = g[0] * centers.u[i] + g[1] * centers.v[i]
-        direction = wp.normalize(direction - wp.dot(direction, n0) * n0)
-        entered = int(-1)
+        length = wp.length(g)
         found = int(-1)
-        step = int(0)
-        if left == 0.0 and wp.length_sq(n0) > 0.0:
-            found = at
-        if wp.length_sq(n0) == 0.0:
-            at = -1
-        while found < 0 and at >= 0 and step < _MOST_CROSSINGS:
-            p0 = mesh.points[mesh.faces[at, 0]]
-            p1 = mesh.points[mesh.faces[at, 1]]
-            p2 = mesh.points[mesh.faces[at, 2]]
-            n = wp.cross(p1 - p0, p2 - p0)
-            area = wp.dot(n, n)
-            if area == 0.0:
-                at = -1
-            else:
-                # The barycentric coordinates' change for a unit of length along the direction.
-                slope = wp.vec3(
-                    wp.dot(wp.cross(p2 - p1, direction), n) / area,
-                    wp.dot(wp.cross(p0 - p2, direction), n) / area,
-                    wp.dot(wp.cross(p1 - p0, direction), n) / area,
-                )
-                travel = left
-                leave = int(-1)
-                for c in range(3):
-                    if c != entered and slope[c] < 0.0:
-                        t = wp.max(b[c], 0.0) / (-slope[c])
-                        if t < travel:
-                            travel = t
-                            leave = c
-                b = b + travel * slope
-                left = left - travel
-                if leave < 0:
-                    found = at
-                else:
-                    # The walk leaves through the edge opposite corner ``leave``, from corner ``leave + 1`` to ``leave + 2``.
-                    edge = (leave + 1) % 3
-                    first = mesh.faces[at, edge]
-                    last = mesh.faces[at, (edge + 1) % 3]
-                    share = b[(edge + 1) % 3] / wp.max(b[edge] + b[(edge + 1) % 3], 1.0e-12)
-                    beyond = mesh.across[at, edge]
-                    if beyond >= 0:
-                        along = wp.normalize(mesh.points[last] - mesh.points[first])
-                        outward = wp.cross(along, wp.normalize(n))
-                        m = face_normal(mesh, beyond)
-                        # The triangles are unfolded about the edge: what pointed out of this one points into the next.
-                        direction = wp.normalize(
-                            wp.dot(direction, along) * along + wp.max(wp.dot(direction, outward), 0.0) * wp.cross(along, m)
-                        )
-                        b = wp.vec3(0.0, 0.0, 0.0)
-                        for c in range(3):
-                            vertex = mesh.faces[beyond, c]
-                            if vertex == first:
-                                b[c] = 1.0 - share
-                            elif vertex == last:
-                                b[c] = share
-                            else:
-                                entered = c
-                    at = beyond
-            step = step + 1
+        b = b0
+        if wp.length_sq(n0) > 0.0:
+            found = origin_face
+            if length > 0.0:
+                direction = g[0] * centers.u[i] + g[1] * centers.v[i]
+                direction = wp.normalize(direction - wp.dot(direction, n0) * n0)
+                found, b, direction, entered = go_straight(mesh, origin_face, b0, direction, -1, length)
         face[i, k] = found
         weight[i, k] = wp.vec2(b[0], b[1])
+
+
+@wp.kernel
+def trace_rays_kernel(
+    start: int,
+    centers: Frames,
+    first_face: wp.array[wp.int32],
+    directions: wp.array[wp.vec2],
+    point: wp.array2d[wp.int32],
+    step: float,
+    mesh: Triangles,
+    # output
+    face: wp.array2d[wp.int32],
+    weight: wp.array2d[wp.vec2],
+):
+    """Walk from a foot along rays and note every ``step``: ring j of direction d is grid point ``point[d, j]``, if that is not -1."""
+    i = start + wp.tid()
+    origin_face = first_face[i]
+    b0 = into_face(mesh, origin_face, centers.foot[i])
+    n0 = face_normal(mesh, origin_face)
+    face[i, 0] = -1
+    if wp.length_sq(n0) > 0.0:
+        face[i, 0] = origin_face
+    weight[i, 0] = wp.vec2(b0[0], b0[1])
+    for d in range(directions.shape[0]):
+        g = directions[d]
+        direction = g[0] * centers.u[i] + g[1] * centers.v[i]
+        direction = wp.normalize(direction - wp.dot(direction, n0) * n0)
+        at = face[i, 0]
+        b = b0
+        entered = int(-1)
+        for j in range(point.shape[1]):
+            if at >= 0:
+                at, b, direction, entered = go_straight(mesh, at, b, direction, entered, step)
+            k = point[d, j]
+            if k >= 0:
+                face[i, k] = at
+                weight[i, k] = wp.vec2(b[0], b[1])
 
 
 @wp.kernel
@@ -167,6 +221,56 @@ def trace(
         inputs=[upload_frames(foot, u, v, device), upload(first_face, wp.int32, device), upload(offsets, wp.vec2, device), mesh],
         outputs=[face, weight],
         device=device,
+    )
+    return face, weight
+
+
+def trace_rays(
+    foot: np.ndarray,
+    u: np.ndarray,
+    v: np.ndarray,
+    first_face: np.ndarray,
+    directions: np.ndarray,
+    point: np.ndarray,
+    step: float,
+    mesh: Triangles,
+    device: str,
+) -> tuple[wp.array, wp.array]:
+    """Return face (M, G) int32 and barycentric weights (M, G) vec2 of grids of rays around M points of a mesh.
+
+    Parameters
+    ----------
+    foot, u, v : (M, 3) arrays
+        Grid centres and tangent vectors.
+    first_face : (M,) array
+        The triangle that each centre lies in or is a corner of.
+    directions : (D, 2) array
+        Unit vectors of the rays, along u and v.
+    point : (D, J) int array
+        The grid point, from 1, that lies j + 1 steps along each ray, or -1; point 0 is the centre.
+    step : float
+        In length units.
+    mesh : Triangles
+    device : str
+        From `choose_device`.
+    """
+    grid = int(point.max()) + 1
+    face = wp.empty((len(foot), grid), dtype=wp.int32, device=device)
+    weight = wp.empty((len(foot), grid), dtype=wp.vec2, device=device)
+    launch(
+        trace_rays_kernel,
+        len(foot),
+        inputs=[
+            upload_frames(foot, u, v, device),
+            upload(first_face, wp.int32, device),
+            upload(directions, wp.vec2, device),
+            upload(point, wp.int32, device),
+            float(step),
+            mesh,
+        ],
+        outputs=[face, weight],
+        device=device,
+        grain=16,
     )
     return face, weight
 

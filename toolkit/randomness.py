@@ -28,6 +28,7 @@ class Stream(IntEnum):
     RELIEF_THINNING = 5
     RELIEF_LEVELS = 6
     RELIEF_NOISE = 7
+    RELIEF_SWEEP = 8
     QUILT_CHOICE = 40
     GROW_EXHAUSTIVE = 41
     GROW_START = 42

@@ -6,7 +6,7 @@ from intaglio.relief.ground.frames import FRAMES
 from intaglio.relief.ground.holes import Hole, Holes
 from intaglio.relief.ground.prepare import Ground, GroundOptions, prepare_ground
 from intaglio.relief.ground.scan import list_holes
-from intaglio.relief.ground.thin_plate import smooth_over_surface
+from intaglio.relief.ground.thin_plate import ThinPlate, smooth_over_surface
 
 __all__ = [
     "FRAMES",
@@ -14,6 +14,7 @@ __all__ = [
     "GroundOptions",
     "Hole",
     "Holes",
+    "ThinPlate",
     "fit_base",
     "list_holes",
     "prepare_ground",

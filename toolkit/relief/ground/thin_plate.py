@@ -84,13 +84,8 @@ def smooth_over_surface(
         film. In units in which the thin-plate energy has weight 1 and ``s`` is 1.
     """
     count = len(points)
-    # In units of the length scale, so that entries are of order one whatever the input's unit.
     scale = length / (2 * np.pi)
-    operator, area = laplacian(points / scale, faces)
-    # Border vertices' rows don't count, so that a plane has the energy zero up to its border.
-    inner = np.ones(count)
-    inner[np.unique(border_edges(faces))] = 0
-    energy = csr_array(operator.T @ diags_array(inner / area) @ operator)
+    energy, area = _energy(points, faces, length)
     if film is not None and tension > 0:
         energy = csr_array(energy - tension * laplacian(points / scale, film)[0])
     mass = area if weight is None else area * weight
@@ -109,9 +104,46 @@ def smooth_over_surface(
     if len(moving) <= DIRECT:
         out[moving] = factor_symmetric(system).solve(right)
     else:
+        operator = laplacian(points / scale, faces)[0]
         root = csr_array(csr_array(diags_array(area) - operator)[moving][:, moving])
         out[moving] = _iterate(system, right, out[moving], root, area[moving])
     return np.asarray(out + offset)
+
+
+class ThinPlate:
+    """The thin-plate surface through values over one mesh, factored once: `smooth_over_surface` for many sets of values.
+
+    Parameters
+    ----------
+    points, faces : (N, 3), (F, 3) arrays
+        The mesh whose geometry counts.
+    length : float
+        Wave length that is damped to a half, in the unit of ``points``.
+    """
+
+    def __init__(self, points: Array, faces: Array, length: float) -> None:
+        self._points, self._faces, self._length = points, faces, length
+        self._factors = None
+        if len(points) <= DIRECT:
+            energy, self._area = _energy(points, faces, length)
+            self._factors = factor_symmetric(csr_array(energy + diags_array(self._area)))
+
+    def smooth(self, values: Array) -> Array:
+        """Return the smoothed values (N, C)."""
+        if self._factors is None:
+            return smooth_over_surface(values, self._points, self._faces, self._length)
+        offset = values.mean(axis=0)
+        return np.asarray(self._factors.solve(self._area[:, None] * (values - offset))) + offset
+
+
+def _energy(points: Array, faces: Array, length: float) -> tuple[csr_array, Array]:
+    """Return the thin-plate energy (N, N) and the vertex areas (N,), in units of the length scale s."""
+    # Entries are then of order one whatever the input's unit.
+    operator, area = laplacian(points * (2 * np.pi / length), faces)
+    # Border vertices' rows don't count, so that a plane has the energy zero up to its border.
+    inner = np.ones(len(points))
+    inner[np.unique(border_edges(faces))] = 0
+    return csr_array(operator.T @ diags_array(inner / area) @ operator), area
 
 
 def _iterate(system: csr_array, right: Array, start: Array, root: csr_array, area: Array) -> Array:
