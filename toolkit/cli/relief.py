@@ -103,7 +103,7 @@ def complete(
         known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
     surface = intaglio.read_surface(scan, view=view, strict=strict)
-    for file in files_beside(surface, output):
+    for file in files_beside(surface, output, to_be_filled=True):
         check_writable(file, inputs=(scan,))
     start = time.perf_counter()
     try:
