@@ -9,9 +9,10 @@ import pytest
 
 import intaglio
 from intaglio.mesh import grid_faces, unique_edges
+from intaglio.relief import choose_viewpoints, fixed_cameras, without_relief
 from intaglio.relief import roughness as roughness_module
-from intaglio.relief import without_relief
 from intaglio.relief.fillings import list_fillings
+from intaglio.relief.pictures import confidence_pictures
 from intaglio.relief.roughness import surface_bands
 
 SIDE = 91
@@ -286,11 +287,40 @@ def test_the_report_shows_roughness_and_confidence(tmp_path):
     plain = (tmp_path / "plain.html").read_text()
     assert 'aria-label="roughness against the surroundings"' in plain
     assert "Confidence" not in plain
-    sure = np.where(whole.measured, 1, 0.25).astype(np.float32)
-    object.__setattr__(whole, "confidence", sure)
-    report = figures(whole)
+    sure = replace(whole, confidence=np.where(whole.measured, 1, 0.25).astype(np.float32))
+    report = intaglio.write_relief_report(sure, tmp_path / "sure.html", size=16, device="cpu")
     assert report.confidence == pytest.approx(0.25)
     assert "confidence of what was filled (0 to 1): 0.25 in the mean" in report.lines()
+    page = (tmp_path / "sure.html").read_text()
+    assert "Confidence of what was filled" in page
+    assert page.count("data:image/png;base64,") == plain.count("data:image/png;base64,") + 3
+
+
+def test_confidence_is_shown_from_red_to_green():
+    whole = sheet(np.zeros((SIDE, SIDE)))
+    cameras = fixed_cameras(whole, choose_viewpoints(whole))[:1]
+    colors = []
+    for sure in (0.0, 0.5, 1.0):
+        (image,) = confidence_pictures(whole, np.full(SIDE**2, sure), cameras, size=(33, 33))
+        colors.append(image[16, 16])
+    red, yellow, green = colors
+    assert red[0] > 4 * red[1]
+    assert green[1] > 4 * green[0]
+    assert yellow[0] > yellow[1] > 4 * yellow[2]
+
+
+def test_fillings_without_extent_are_survived():
+    whole = sheet(rough())
+    level = sheet(np.zeros((SIDE, SIDE)))
+    point = np.tile([float(MIDDLE), float(MIDDLE), 0.0], (SIDE**2, 1))
+    inside = ~whole.measured[:, None]
+    fallen = replace(whole, vertices=np.where(inside, point, whole.vertices), base=np.where(inside, point, whole.base))
+    assert figures(fallen, level).filled_count == whole.measured.size - whole.measured.sum()
+    nothing = replace(whole, vertices=point, base=point)
+    with pytest.raises(intaglio.InputError, match="no length"):
+        figures(nothing)
+    assert np.array_equal(without_relief(nothing).vertices, point)
+    assert np.array_equal(without_relief(replace(whole, measured=np.ones(SIDE**2, bool))).vertices, whole.vertices)
 
 
 def test_fillings_are_found_with_rim_and_radius():

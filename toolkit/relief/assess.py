@@ -47,8 +47,8 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     Raises
     ------
     InputError
-        If an argument is not a surface, no vertex was filled or none measured, the truth has no faces or does not cover the
-        filled part, or the device does not exist.
+        If an argument is not a surface, no vertex was filled or none measured, the base has no extent, the truth has no faces or
+        does not cover the filled part, or the device does not exist.
 
     References
     ----------
@@ -92,6 +92,8 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     tilt = np.degrees(np.arccos(np.clip(np.einsum("ij,ij->i", normals, surface.normal), -1, 1)))
     edges = unique_edges(surface.faces)
     spacing = float(np.median(np.linalg.norm(surface.base[edges[:, 0]] - surface.base[edges[:, 1]], axis=1)))
+    if spacing == 0:
+        raise InputError("most edges of the surface's base have no length: there is nothing to measure along")
     msi_measured, msi_filled = mean_surface_integral(relief[measured]), mean_surface_integral(relief[filled])
     spread = float(relief[measured].std())
     wavelength, spectrum_measured = roughness_spectrum(surface.base[measured], relief[measured], spacing)
@@ -99,7 +101,6 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     fillings = list_fillings(surface, edges)
     rough = measure_roughness(surface.vertices, surface.faces, surface.measured, fillings)
     sources = measure_provenance(surface, fillings, edges)
-    confidence = getattr(surface, "confidence", None)
     remarks = describe_roughness(rough.whole, rough.few) + describe_sources(sources.coherence, sources.largest_use)
     if rough.skipped:
         remarks.append(f"roughness was measured on the larger fillings only: {rough.skipped} were left out")
@@ -135,7 +136,7 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
         local_share=sources.local,
         coherence=sources.coherence,
         largest_use=sources.largest_use,
-        confidence=float("nan") if confidence is None else float(confidence[filled].mean()),
+        confidence=float("nan") if surface.confidence is None else float(surface.confidence[filled].mean()),
         remarks=tuple(remarks),
         displacement=relief,
         filled=filled,

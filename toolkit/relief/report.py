@@ -152,10 +152,9 @@ def relief_pictures(
     if surface.color is not None:
         rows[RELIEF] = clay_pictures(surface, cameras, size=shape, color=False)
     rows["Measured (clay) and filled (blue)"] = provenance_pictures(surface, cameras, size=shape)
-    confidence = getattr(surface, "confidence", None)
-    if confidence is not None:
+    if surface.confidence is not None:
         heading = "Confidence of what was filled: red 0, yellow 0.5, green 1"
-        rows[heading] = confidence_pictures(surface, confidence, cameras, size=shape)
+        rows[heading] = confidence_pictures(surface, surface.confidence, cameras, size=shape)
     if truth is not None:
         rows[TRUTH] = clay_pictures(truth, cameras, size=shape)
     if report.truth is not None:

@@ -88,7 +88,7 @@ def measure_roughness(points: Array, faces: Array, measured: Array, fillings: li
     scanned = int((used & measured).sum())
     left, skipped = _IN_ALL, 0
     for k, filling in enumerate(fillings):
-        if len(filling.vertices) < _LEAST or len(filling.rim) == 0:
+        if len(filling.vertices) < _LEAST or len(filling.rim) == 0 or filling.spacing == 0:
             continue
         if left < 0:
             skipped += 1

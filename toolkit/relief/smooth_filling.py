@@ -26,6 +26,11 @@ def without_relief(surface: Surface) -> Surface:
     ----------
     surface : Surface
         From `complete_relief`, over a base of any kind, or read back.
+
+    Returns
+    -------
+    Surface
+        With the measured vertices as they are; unchanged where nothing was filled, or all lies in one point.
     """
     filled = ~surface.measured
     near = filled.copy()
@@ -34,11 +39,14 @@ def without_relief(surface: Surface) -> Surface:
         near |= (graph @ near) > 0
     vertices, faces = restrict(surface.faces, near)
     free = filled[vertices]
+    length = _LENGTH * _mean_edge(surface.base[vertices], faces)
+    if not length > 0:
+        return surface
     made = smooth_over_surface(
         np.where(free[:, None], surface.base[vertices], surface.vertices[vertices]),
         surface.base[vertices],
         faces,
-        _LENGTH * _mean_edge(surface.base[vertices], faces),
+        length,
         weight=np.where(free, _HELD, 1.0),
         free=free,
     )
@@ -49,4 +57,4 @@ def without_relief(surface: Surface) -> Surface:
 
 def _mean_edge(points: Array, faces: Array) -> float:
     edges = unique_edges(faces)
-    return float(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1).mean())
+    return float(np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1).mean()) if len(edges) else 0.0
