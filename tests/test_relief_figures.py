@@ -228,6 +228,9 @@ def test_the_truth_and_a_smooth_filling_are_told_apart():
     assert 0.05 < smooth.truth.smooth_rms < smooth.truth.rms
     np.testing.assert_allclose(right.truth.roughness, right.roughness, rtol=1e-6)
     np.testing.assert_allclose(smooth.truth.roughness, right.roughness, rtol=0.02)
+    said = [r for r in smooth.remarks if "5 to 10 spacings in the middle" in r]
+    assert len(said) == 1
+    assert said[0].endswith(f"smoother than what surrounds it; the truth has {smooth.truth.roughness[1, 2]:.2f}")
     lines = smooth.lines()
     assert lines[1].startswith("against the truth of the filled part: mean surface integral")
     assert any(line.startswith("against the measured part") for line in lines[2:])

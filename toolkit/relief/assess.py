@@ -101,7 +101,11 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
     fillings = list_fillings(surface, edges)
     rough = measure_roughness(surface.vertices, surface.faces, surface.measured, fillings)
     sources = measure_provenance(surface, fillings, edges)
-    remarks = describe_roughness(rough.whole, rough.few) + describe_sources(sources.coherence, sources.largest_use)
+    compared = None
+    if truth is not None:
+        compared = compare_with_truth(surface, truth, measured, filled, fillings, device_or_error(device))
+    remarks = describe_roughness(rough.whole, rough.few, None if compared is None else compared.roughness)
+    remarks += describe_sources(sources.coherence, sources.largest_use)
     if rough.skipped:
         remarks.append(f"roughness was measured on the larger fillings only: {rough.skipped} were left out")
     return ReliefReport(
@@ -141,9 +145,7 @@ def assess_relief(surface: Surface, truth: Surface | None = None, *, device: str
         displacement=relief,
         filled=filled,
         normal_deviation=tilt,
-        truth=(
-            None if truth is None else compare_with_truth(surface, truth, measured, filled, fillings, device_or_error(device))
-        ),
+        truth=compared,
     )
 
 

@@ -306,18 +306,22 @@ class ReliefReport:
         return out
 
 
-def describe_roughness(roughness: Array, few: Array) -> list[str]:
-    """Return a sentence for each ratio (3, 3) outside 0.8 to 1.25; ``few`` says where hardly one wave fits."""
+def describe_roughness(roughness: Array, few: Array, true: Array | None) -> list[str]:
+    """Return a sentence for each ratio (3, 3) outside 0.8 to 1.25.
+
+    ``few`` says where hardly one wave fits; the truth's ratios are told, too, where they are known.
+    """
     out = []
     for b, band in enumerate(BAND_NAMES):
         for r, ring in enumerate(RING_NAMES):
             ratio = roughness[b, r]
             if np.isfinite(ratio) and not _LOW <= ratio <= _HIGH:
+                known = f"; the truth has {true[b, r]:.2f}" if true is not None and np.isfinite(true[b, r]) else ""
                 kind = "smoother" if ratio < 1 else "rougher"
                 chance = "; hardly one such wave fits there, so this may be chance" if few[b, r] else ""
                 out.append(
                     f"waves of {band} spacings {ring} of the filling have {ratio:.2f} times the roughness of the surroundings: "
-                    f"{kind} than what surrounds it{chance}"
+                    f"{kind} than what surrounds it{known}{chance}"
                 )
     return out
 
