@@ -312,3 +312,26 @@ def test_spacing_too_wide_for_the_relief_is_said():
 def test_what_does_not_go_together_is_refused(settings, message):
     with pytest.raises(intaglio.InputError, match=message):
         intaglio.ReliefSettings(**settings)
+
+
+def test_the_command_takes_the_papers_options(run, tmp_path):
+    scan, out = tmp_path / "scan.ply", tmp_path / "whole.ply"
+    options = ["--base", "plane", "--spacing", "1.07", "--extent", "holes", "--window", "4", "--rotations", "1", "--seed", "1"]
+    words = ["complete", scan, "-o", out, *options, "--refine", "0"]
+    chosen = ["--interpolate", "--oversample-levels", "2", "--subsample", "0.9", "--partners", "textured"]
+    # A frame around the missing part, so that it is a hole.
+    x, y = np.meshgrid(np.arange(float(COLUMNS)), np.arange(float(ROWS)), indexing="ij")
+    vertices = np.stack([x, y, wave(x, y)], axis=-1).reshape(-1, 3)
+    sheet = Surface(vertices=vertices, faces=grid_faces(COLUMNS, ROWS, False))
+    intaglio.write_surface(sheet.part((np.abs(vertices[:, :2] - (22, 8.5)) > (4, 4)).any(axis=1)), scan)
+    status, _, errors = run(*words, *chosen)
+    assert status == 0, errors
+    whole = intaglio.read_surface(out)
+    settings = intaglio.ReliefSettings(
+        window=4, rotations=1, refine=0, interpolate=True, oversample=2, subsample=0.9, partners="textured"
+    )
+    prepared = intaglio.prepare_relief(intaglio.read_surface(scan), "plane", spacing=1.07, extent="holes")
+    assert whole.vertices.tobytes() == prepared.complete(settings, seed=1).vertices.tobytes()
+    status, _, errors = run(*words, "--oversample-levels", "2", "--oversample")
+    assert status == 2
+    assert "--oversample-levels" in errors
