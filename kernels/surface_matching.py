@@ -122,6 +122,8 @@ def surface_ssd_kernel(
     target: wp.array[wp.int32],
     lists: NeighborLists,
     position: wp.array[wp.vec3],
+    color: wp.array[wp.vec3],
+    shape_weight: float,
     ground: Ground,
     samples: Frames,
     sample_vertex: wp.array[wp.int32],
@@ -131,9 +133,10 @@ def surface_ssd_kernel(
     # output
     cost: wp.array2d[wp.float32],
 ):
-    """Write Σ_n w_n d²(n) over a target's textured neighbours n, for every ``stride``-th candidate.
+    """Write Σ_n w_n (m d²(n) + |c(n) - c(v)|²) over a target's textured neighbours n, for every ``stride``-th candidate.
 
-    d(n) is the distance of n, laid on the surface at the candidate, to the nearest triangle there: equation 2 of [2]. Viable
+    d(n) is the distance of n, laid on the surface at the candidate, to the nearest triangle there: equation 2 of [2]; m is
+    ``shape_weight``; c are colours (none where ``color`` is empty), v the vertex nearest to n on the base: [1], section 6. Viable
     are, after [1], candidates where the vertex that is nearest to n on the base, and the corners of the triangle nearest to n
     in space, are all samples. A candidate is dropped once its sum exceeds ``factor`` times the best that this thread has
     seen; what is within ``factor`` of the best of all is never dropped.
@@ -185,6 +188,8 @@ def surface_ssd_kernel(
                             and ground.is_sample[i2] != wp.uint8(0)
                         ):
                             viable = int(1)
+            if color.shape[0] > 0:
+                nearest = shape_weight * nearest + wp.length_sq(color[n] - color[partner])
             total = total + lists.weight[e] * nearest
             if viable == 0 or total > factor * best:
                 total = float(_NOT_VIABLE)
@@ -258,6 +263,10 @@ class SurfaceMatcher:
         """
         self._samples = upload_frames(foot, u, v, self.device)
         self._sample_vertex = upload(vertex, wp.int32, self.device)
+        self.take_partners(is_sample)
+
+    def take_partners(self, is_sample: np.ndarray) -> None:
+        """Set which of the mesh's vertices (N,) a target's neighbours may fall on."""
         self._ground.is_sample = upload(is_sample, wp.uint8, self.device)
 
     def costs(
@@ -268,6 +277,9 @@ class SurfaceMatcher:
         neighbors: np.ndarray,
         weight: np.ndarray,
         factor: float,
+        *,
+        color: np.ndarray | None = None,
+        shape_weight: float = 1.0,
     ) -> wp.array:
         """Return the error (T, R * S) float32 of every candidate, `NOT_VIABLE` where it is none.
 
@@ -281,6 +293,9 @@ class SurfaceMatcher:
             The known vertices around each target, and their weights, which sum to 1.
         factor : float
             Candidates worse than this times the best may be dropped: they get `NOT_VIABLE` too.
+        color : (N, 3) array, optional
+            All vertices' colours; their squared differences are added to ``shape_weight`` times the squared distances.
+        shape_weight : float
         """
         candidates = len(self._sample_vertex) * self._rotations
         stride = min(candidates, _STRIDE_CPU if self.device.startswith("cpu") else _STRIDE_CUDA)
@@ -296,6 +311,8 @@ class SurfaceMatcher:
                 upload(targets, wp.int32, self.device),
                 lists,
                 upload(position, wp.vec3, self.device),
+                upload(np.zeros((0, 3)) if color is None else color, wp.vec3, self.device),
+                float(shape_weight),
                 self._ground,
                 self._samples,
                 self._sample_vertex,

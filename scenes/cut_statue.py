@@ -7,8 +7,9 @@ import argparse
 import numpy as np
 
 from intaglio.mesh import Surface, read_surface
+from intaglio.relief import without_relief
 from intaglio.scenes.common import Result, main, real_data, run_scene
-from intaglio.scenes.holed_scans import relief_energy, smooth_pictures, without_relief
+from intaglio.scenes.holed_scans import relief_energy, smooth_pictures
 
 # Where the hole is cut, as shares of the statue's bounds, and its radius as a share of the diagonal.
 PLACE, RADIUS = (0.5, 1.0, 0.2), 0.05

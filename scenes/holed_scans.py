@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import resource
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from intaglio.mesh import SmoothBase, Surface, adjacency, read_surface
-from intaglio.relief import choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured, smooth_over_surface
+from intaglio.mesh import Surface, adjacency, read_surface
+from intaglio.relief import choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured, without_relief
 from intaglio.scenes.common import SMOOTH, Result, main, real_data, run_scene
 
 Array = np.ndarray
@@ -31,16 +30,6 @@ SCANS: dict[str, tuple[str, str, dict[str, Any]]] = {
         {"color_weight": 0.3, "hole_size": (0.0, 1.0)},
     ),
 }
-
-
-def without_relief(whole: Surface) -> Surface:
-    """Return the completion with its filled part as mesh programs leave it: biharmonic, joining the scan smoothly."""
-    assert isinstance(whole.model, SmoothBase)
-    filled = ~whole.measured
-    vertices = smooth_over_surface(
-        whole.vertices, whole.base, whole.faces, whole.model.relief_scale, weight=np.zeros(len(filled)), free=filled
-    )  # fmt: skip
-    return replace(whole, vertices=vertices)
 
 
 def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:

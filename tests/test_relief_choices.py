@@ -244,7 +244,6 @@ def test_frames_along_the_coarse_relief_point_up_its_slope():
     [
         ({"along_relief": True}, "levels=2"),
         ({"levels": 2, "metric": "surface"}, "levels works with"),
-        ({"color_weight": 0.2, "metric": "surface"}, "color_weight works with"),
         ({"search": "approximate", "metric": "surface"}, "approximate"),
         ({"search": "approximate", "bootstrap": True}, "bootstrap compares"),
         ({"search": "approximate", "rule": "best-percent"}, "best-percent"),

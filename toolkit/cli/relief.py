@@ -14,7 +14,7 @@ from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE, files_beside
 from intaglio.progress import ProgressBar
-from intaglio.relief import FRAMES, METRICS, ORDERS, RULES, SEARCHES
+from intaglio.relief import FRAMES, METRICS, ORDERS, PARTNERS, RULES, SEARCHES
 
 # Options of the command by where they belong.
 _PREPARED = ("base", "extent", "holes", "hole_size", "relief_scale", "spacing", "reference", "device")
@@ -30,6 +30,9 @@ _SETTINGS = (
     "search",
     "bootstrap",
     "oversample",
+    "subsample",
+    "partners",
+    "interpolate",
 )
 
 
@@ -63,6 +66,10 @@ _SETTINGS = (
 @click.option("--tolerance", type=float, default=0.1, show_default=True, help="near-best: how much above the least error.")
 @click.option("--eta", type=float, default=10.0, show_default=True, help="best-percent: percent to choose from.")
 @click.option("--oversample/--no-oversample", default=None, help="Halve the samples' edges; default where out of phase.")
+@click.option("--oversample-levels", type=int, default=None, help="Halve the samples' edges so often, 0 to 4.")
+@click.option("--subsample", type=float, default=1.0, show_default=True, help="Share of the samples that is compared.")
+@click.option("--partners", type=click.Choice(PARTNERS), default="measured", show_default=True, help="What neighbours fall on.")
+@click.option("--interpolate", is_flag=True, help="Take relief between the samples' vertices, where it fits best.")
 @click.option("--bootstrap", is_flag=True, help="Filled vertices become samples; there is no refinement then.")
 @click.option("--view", type=Numbers(3), default=None, help="x,y,z: direction of sight of a point cloud.")
 @click.option("--strict", is_flag=True, help="Refuse a mesh whose faces must be mended to join as a surface.")
@@ -103,7 +110,7 @@ def complete(
         known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
     surface = intaglio.read_surface(scan, view=view, strict=strict)
-    for file in files_beside(surface, output):
+    for file in files_beside(surface, output, to_be_filled=True):
         check_writable(file, inputs=(scan,))
     start = time.perf_counter()
     try:
@@ -133,6 +140,10 @@ def complete(
 def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Surface:
     """Complete a scan as the command's options say."""
     settings = {name: options[name] for name in _SETTINGS}
+    if options["oversample_levels"] is not None:
+        if options["oversample"] is not None:
+            raise click.UsageError("--oversample-levels says whether and how often to oversample: leave out --[no-]oversample")
+        settings["oversample"] = options["oversample_levels"]
     selection = intaglio.Selection(options["selection"], options["tolerance"], options["eta"])
     along_relief = options["frames"] == "relief"
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}

@@ -46,10 +46,11 @@ def read_gltf(path: Path) -> RawMesh:
         _check(document, buffers)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise FileError(f"{path}: is damaged ({_said(error)})") from error
+    pictures, numbers = _pictures(document, buffers, path.parent)
     try:
         source: Path | io.BytesIO = path
-        if any("uri" in entry for name in ("buffers", "images") for entry in document.get(name) or ()):
-            # Names are resolved here: trimesh knows no escaped ones.
+        if len(pictures) > 1 or any("uri" in entry for name in ("buffers", "images") for entry in document.get(name) or ()):
+            # Names of files are resolved here: trimesh knows no escaped ones. Materials are told apart by names given here.
             source = io.BytesIO(_self_contained(document, buffers, path))
         with open(path, "rb") as file:
             kind = "glb" if source == path and file.read(4) == b"glTF" else "gltf"
@@ -66,7 +67,7 @@ def read_gltf(path: Path) -> RawMesh:
     for part in parts:
         if len(part.faces) and not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
             raise InputError(f"a face names vertex {part.faces.max()}, but its mesh has only {len(part.vertices)}")
-    return _joined(parts or clouds, _first_picture(document, buffers, path.parent))
+    return _joined(parts or clouds, pictures, numbers)
 
 
 def _self_contained(document: dict[str, Any], buffers: list[bytes], path: Path) -> bytes:
@@ -85,6 +86,8 @@ def _self_contained(document: dict[str, Any], buffers: list[bytes], path: Path) 
             images.append(entry)
     if images:
         whole["images"] = images
+    if document.get("materials"):
+        whole["materials"] = [{**entry, "name": str(k)} for k, entry in enumerate(document["materials"])]
     return json.dumps(whole).encode()
 
 
@@ -213,10 +216,12 @@ def _check_tree(document: dict[str, Any]) -> None:
         raise ValueError("its nodes go round in circles")
 
 
-def _first_picture(document: dict[str, Any], buffers: list[bytes], folder: Path) -> list[bytes]:
-    """Return the image files of the materials' base colours, each once."""
+def _pictures(document: dict[str, Any], buffers: list[bytes], folder: Path) -> tuple[list[bytes], dict[str, int]]:
+    """Return the image files of the materials' base colours, each once, and which one the material of a number has."""
     found: list[bytes] = []
-    for material in document.get("materials") or ():
+    numbers: dict[str, int] = {}
+    materials = document.get("materials")
+    for number, material in enumerate(materials if isinstance(materials, list) else ()):
         try:
             texture = material["pbrMetallicRoughness"]["baseColorTexture"]["index"]
             image = document["images"][document["textures"][texture]["source"]]
@@ -230,11 +235,12 @@ def _first_picture(document: dict[str, Any], buffers: list[bytes], folder: Path)
             continue
         if content not in found:
             found.append(content)
-    return found
+        numbers[str(number)] = found.index(content)
+    return found, numbers
 
 
-def _joined(parts: list[Any], pictures: list[bytes]) -> RawMesh:
-    """Return the parts of a scene as one mesh."""
+def _joined(parts: list[Any], pictures: list[bytes], numbers: dict[str, int]) -> RawMesh:
+    """Return the parts of a scene as one mesh; with several pictures a part's is that of its material, named by a number."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [
         np.asarray(getattr(part, "faces", np.zeros((0, 3), int)), np.int64) + start
@@ -253,22 +259,23 @@ def _joined(parts: list[Any], pictures: list[bytes]) -> RawMesh:
     if any(own is not None for own in colors):
         color = np.concatenate(
             [
-                np.zeros((len(part.vertices), 3), np.float32) if own is None else own
+                np.full((len(part.vertices), 3), np.nan, np.float32) if own is None else own
                 for part, own in zip(parts, colors, strict=True)
             ]
         )
     if textured and not pictures:
         notes.append("the mesh has texture coordinates but no picture; it is read without its colours")
+    shown = None
     if textured and len(pictures) > 1:
-        color = _sampled(parts, colors)
-        pictures = []
-        notes.append("several pictures: their colours are taken at the vertices, the pictures are not kept")
+        of_part = [numbers.get(str(getattr(getattr(part.visual, "material", None), "name", "")), -1) for part in parts]
+        shown = np.repeat(of_part, [len(own) for own in faces])
     return RawMesh(
         vertices=np.concatenate([np.asarray(part.vertices, np.float64) for part in parts]),
         faces=np.concatenate(faces),
         color=color,
         uv=np.concatenate(uv) if textured else None,
         pictures=tuple(pictures),
+        picture=shown,
         notes=tuple(notes),
     )
 
@@ -283,19 +290,3 @@ def _own_color(part: Any) -> Array | None:
     if colors is None or colors.ndim != 2 or len(colors) != len(part.vertices):
         return None
     return decode_srgb(colors[:, :3].astype(np.float32) / 255.0)
-
-
-def _sampled(parts: list[Any], colors: list[Array | None]) -> Array:
-    """Return colours of all vertices, those of textured parts from their own pictures."""
-    found = []
-    for part, own in zip(parts, colors, strict=True):
-        if own is None and getattr(part.visual, "uv", None) is not None and picture_of(part.visual) is not None:
-            own = decode_srgb(np.asarray(part.visual.to_color().vertex_colors)[:, :3].astype(np.float32) / 255.0)
-        found.append(np.zeros((len(part.vertices), 3), np.float32) if own is None else own)
-    return np.concatenate(found)
-
-
-def picture_of(visual: Any) -> Any:
-    """Return the picture of a textured mesh's material, or None."""
-    material = getattr(visual, "material", None)
-    return getattr(material, "image", None) or getattr(material, "baseColorTexture", None)

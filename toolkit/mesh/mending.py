@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from intaglio.arrays import Array
 from intaglio.checks import checked_arguments
 from intaglio.errors import InputError
-from intaglio.mesh.surface import PER_VERTEX, Surface
+from intaglio.mesh.surface import PER_FACE, PER_VERTEX, Surface
 from intaglio.mesh.topology import directed_edges, following, opposite_edges
 
 # Of more faces than this at one edge no two are taken for a continuation of each other.
@@ -115,6 +115,8 @@ def apply_mending(surface: Surface, mending: Mending) -> Surface:
     """Return the surface that a mending of its faces makes."""
     vertex = mending.vertex
     fields = {name: value[vertex] for name in PER_VERTEX if (value := getattr(surface, name)) is not None}
+    face = mending.corner[:, 0] // 3
+    fields |= {name: value[face] for name in PER_FACE if name != "uv" and (value := getattr(surface, name)) is not None}
     came_from = np.arange(len(surface.vertices)) if surface.file_vertex is None else surface.file_vertex
     mended = np.full(len(surface.vertices), -1)
     # Of several copies of a vertex the first is the one that others take relief from.

@@ -15,9 +15,9 @@ from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh.polygons import polygon_triangles
 from intaglio.mesh.raw_mesh import RawMesh
 
-# Curves, patches and lines: what a surface of triangles has no use for.
 # What begins the lines of a material that name pictures.
 _MAPS = ("map_", "norm", "bump", "disp", "decal", "refl")
+# Curves, patches and lines: what a surface of triangles has no use for.
 _OTHER_SHAPES = (b"l", b"p", b"curv", b"curv2", b"surf", b"parm", b"trim", b"hole", b"cstype")
 
 
@@ -151,7 +151,7 @@ def _vertices(path: Path, rows: list[bytes]) -> tuple[Array, Array | None]:
         return vertices, None
     # Most programs write colours from 0 to 1, some as bytes.
     scale = 255.0 if color[finite].max() > 1 else 1.0
-    color = np.where(finite[:, None], np.clip(color / scale, 0, 1), 0)
+    color = np.where(finite[:, None], np.clip(color / scale, 0, 1), np.nan)
     return vertices, decode_srgb(color.astype(np.float32))
 
 

@@ -84,7 +84,8 @@ def _colors(values: Array) -> Array | None:
     shown = values[:, :3]
     if not np.isfinite(shown).all():
         return None
-    scale = 255.0 if shown.max(initial=0) > 1 else 1.0
+    # Opaqueness tells the scale even where all is dark.
+    scale = 255.0 if values[:, :4].max(initial=0) > 1 else 1.0
     return decode_srgb(np.clip(shown / scale, 0, 1).astype(np.float32))
 
 

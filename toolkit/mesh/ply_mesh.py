@@ -55,6 +55,7 @@ def raw_from_ply(ply: Ply, path: Path) -> RawMesh:
         more = strip_triangles(numbers)
         uv = None if uv is None else np.concatenate([uv, np.full((len(more), 3, 2), np.nan)])
         faces = np.concatenate([faces, more])
+    color = ply_colors(ply)
     pictures = []
     named = [c.split(None, 1)[1] for c in ply.comments if c.lower().startswith("texturefile ")]
     found = [find_beside(path.parent, name) for name in named]
@@ -65,21 +66,25 @@ def raw_from_ply(ply: Ply, path: Path) -> RawMesh:
         if len(pictures) < max(len(named), 1):
             missing = ", ".join(name for name, at in zip(named, found, strict=True) if at is None)
             notes.append(
-                f"the mesh has texture coordinates but no picture{f': {missing} not found' if missing else ''}; it is read "
-                "without its colours"
+                f"the mesh has texture coordinates but no picture{f': {missing} not found' if missing else ''}"
+                + ("; it is read without its colours" if color is None else "")
             )
     shown = None
-    if len(pictures) > 1:
+    if len(named) > 1 and pictures:
         number = ply.columns("face", "texnumber")
         if number is not None and polygons is not None:
             shown = np.full(len(faces), -1)
             kept = np.repeat(np.arange(len(polygons.counts)), polygons.counts)[corners[:, 0]]
-            shown[: len(kept)] = number[kept, 0]
+            # Pictures that are missing have no number here.
+            here = np.array([-1 if at is None else sum(p is not None for p in found[:k]) for k, at in enumerate(found)])
+            own = number[kept, 0]
+            known = (own >= 0) & (own < len(here))
+            shown[: len(kept)] = np.where(known, here[np.where(known, own, 0).astype(int)], -1)
     return RawMesh(
         vertices=vertices,
         faces=faces,
         normals=None if normals is None else np.ascontiguousarray(normals, np.float64),
-        color=ply_colors(ply),
+        color=color,
         uv=uv,
         pictures=tuple(pictures),
         picture=shown,

@@ -27,7 +27,7 @@ class RawMesh:
     normals : (N, 3) float64 array or None
         Normals of the vertices, of any length.
     color : (N, 3) float32 array or None
-        Linear colours.
+        Linear colours; NaN where a vertex has none of its own.
     uv : (F, 3, 2) float64 array or None
         Texture coordinates of the corners, v upwards; NaN where a face has none.
     pictures : tuple of path or bytes
@@ -48,9 +48,12 @@ class RawMesh:
     notes: tuple[str, ...] = ()
 
     def joined_color(self) -> Array | None:
-        """Return the colours (N, 3), linear, of the vertices: their own, else the pictures' where they lie in them."""
-        if self.color is not None or self.uv is None or not self.pictures:
+        """Return the colours (N, 3), linear, of the vertices: their own, else the pictures' where they lie in them, else 0."""
+        bare = np.ones(len(self.vertices), bool) if self.color is None else np.isnan(self.color).any(axis=1)
+        if not bare.any():
             return self.color
+        if self.uv is None or not self.pictures:
+            return None if self.color is None else np.where(bare[:, None], np.float32(0), self.color)
         color = np.zeros((len(self.vertices), 3), np.float32)
         for number, picture in enumerate(self.pictures):
             own = np.ones(len(self.faces), bool) if self.picture is None else self.picture == number
@@ -60,7 +63,7 @@ class RawMesh:
                 # Of a vertex's places on several charts the first is taken, which the last of the reversed writes is.
                 corner, at = self.faces[own].reshape(-1)[::-1], self.uv[own].reshape(-1, 2)[::-1]
                 color[corner] = _nearest(image, at)
-        return color
+        return color if self.color is None else np.where(bare[:, None], color, self.color)
 
     def split_at_seams(self) -> tuple[Array, Array, Array]:
         """Return the mesh with one place in the texture per vertex, for what knows no others.
@@ -92,12 +95,20 @@ class RawMesh:
         number[order] = np.cumsum(new) - 1
         return corners[order[new]], number.reshape(-1, 3), places[order[new]]
 
-    def kept_picture(self) -> bytes | None:
-        """Return the image file that all texture coordinates refer to, or None if there is none or are several."""
-        if self.uv is None or len(self.pictures) != 1:
+    def kept_pictures(self) -> tuple[bytes, ...]:
+        """Return the image files that texture coordinates refer to; none if there are no coordinates."""
+        if self.uv is None:
+            return ()
+        return tuple(p if isinstance(p, bytes) else check_readable(p).read_bytes() for p in self.pictures)
+
+    def kept_numbers(self) -> Array | None:
+        """Return the number of every face's picture (F,), -1 for none; None where all have the first."""
+        if self.uv is None or self.picture is None or not self.pictures:
             return None
-        picture = self.pictures[0]
-        return picture if isinstance(picture, bytes) else check_readable(picture).read_bytes()
+        placed = np.isfinite(self.uv).all(axis=(1, 2))
+        known = (self.picture >= 0) & (self.picture < len(self.pictures))
+        numbers = np.where(placed & known, self.picture, -1).astype(np.int32)
+        return None if (numbers[placed] == 0).all() else numbers
 
 
 def samples_of(picture: Path | bytes) -> Array:

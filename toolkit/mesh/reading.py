@@ -166,12 +166,13 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
     """Return a file's mesh as a surface, mended; or its points triangulated as seen along ``view``."""
     if len(raw.vertices) == 0:
         raise InputError("holds no vertices")
-    color, notes = raw.color, raw.notes
+    notes = raw.notes
     try:
         color = raw.joined_color()
     except IntaglioError as error:
         notes += (f"{error}; the mesh is read without its colours",)
-        raw = replace(raw, pictures=())
+        raw = replace(raw, pictures=(), picture=None)
+        color = raw.joined_color()
     if len(raw.faces) == 0:
         return _from_points(PointFile(raw.vertices, color=color, notes=notes), view)
     if view is not None:
@@ -181,12 +182,15 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
         raise InputError(
             f"its faces don't join as a surface: {'; '.join(mending.notes)}; without --strict (strict=True) it is so mended"
         )
+    pictures, shown = raw.kept_pictures(), raw.kept_numbers()
     return Surface(
         vertices=raw.vertices[mending.vertex],
         faces=mending.faces,
         color=None if color is None else color[mending.vertex],
         uv=None if raw.uv is None else raw.uv.reshape(-1, 2)[mending.corner],
-        picture=raw.kept_picture(),
+        picture=pictures[0] if pictures else None,
+        more_pictures=pictures[1:],
+        face_picture=None if shown is None else shown[mending.corner[:, 0] // 3],
         file_vertex=mending.vertex if mending.notes else None,
         notes=notes + tuple(f"mended: {note}" for note in mending.notes),
     )
@@ -210,7 +214,9 @@ def _own_surface(ply: Ply, path: Path) -> Surface:
     if len(raw.vertices) == 0:
         raise InputError("holds no vertices")
     names = ply.elements["vertex"]
-    optional = {n: columns(n)[:, 0] for n in ("rotation", "error", "file_vertex") if n in names}
+    optional = {n: columns(n)[:, 0] for n in ("rotation", "error", "confidence", "file_vertex") if n in names}
+    own_faces = ply.columns("face", "measured")
+    pictures, shown = raw.kept_pictures(), raw.kept_numbers()
     foot, normals = columns("base_x", "base_y", "base_z"), columns("nx", "ny", "nz")
     try:
         model = _model_from(list(ply.comments), foot, normals, raw.faces)
@@ -228,9 +234,12 @@ def _own_surface(ply: Ply, path: Path) -> Surface:
         measured=columns("measured")[:, 0].astype(bool),
         source=columns("source")[:, 0],
         model=model,
+        measured_face=None if own_faces is None else own_faces[:, 0].astype(bool),
         uv=raw.uv,
-        picture=raw.kept_picture(),
-        notes=notes,
+        picture=pictures[0] if pictures else None,
+        more_pictures=pictures[1:],
+        face_picture=shown,
+        notes=notes + raw.notes,
         **optional,
     )
 

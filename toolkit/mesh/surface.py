@@ -13,10 +13,14 @@ from intaglio.errors import InputError
 from intaglio.mesh.writing import write_surface
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from intaglio.mesh.base import Base
 
 # Arrays with a row per vertex that are carried along as they are when vertices are chosen.
-PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "error")
+PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "error", "confidence")
+# The same with a row per face, where faces are chosen.
+PER_FACE = ("uv", "measured_face", "face_picture")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,12 +51,23 @@ class Surface:
     error : (N,) float32 array or None, optional
         Error of the accepted match: weighted mean squared distance, in the square of the input's unit; 0 where measured,
         infinite where no sample could be compared and a neighbour's relief was taken. Default None: nothing was matched.
+    confidence : (N,) float32 array or None, optional
+        How sure a filled vertex is, from 0 to 1; 1 where measured. Default None: nobody has judged it.
+    measured_face : (F,) bool array or None, optional
+        True where a face is the scan's own. A face that was filled may have three measured corners, on the rim of what was
+        missing: the vertices' ``measured`` doesn't tell it. Default None: nothing was filled.
     model : Base or None, optional
         The base shape. Default None: there is none yet.
     uv : (F, 3, 2) float64 array or None, optional
         Texture coordinates of every corner of the faces, v upwards; NaN where a face has none. Default None.
     picture : bytes or None, optional
         Content of the image file (PNG, JPEG) that ``uv`` refers to. Default None.
+    more_pictures : tuple of bytes, optional
+        Further image files, where ``uv`` refers to several: those of a scan with several textures, and last the one of what was
+        filled. Default none.
+    face_picture : (F,) int32 array or None, optional
+        Which image file a face's ``uv`` refers to: 0 is ``picture``, 1 the first of ``more_pictures``, -1 none. Default None:
+        ``picture`` for all.
     file_vertex : (N,) int32 array or None, optional
         The vertex, from 0, of the file that the surface was read from; -1 for one that was filled. Default None: the same
         number.
@@ -99,9 +114,13 @@ class Surface:
     source: Array = None  # type: ignore[assignment]
     rotation: Array | None = None
     error: Array | None = None
+    confidence: Array | None = None
+    measured_face: Array | None = None
     model: Base | None = None
     uv: Array | None = None
     picture: bytes | None = None
+    more_pictures: tuple[bytes, ...] = ()
+    face_picture: Array | None = None
     file_vertex: Array | None = None
     notes: tuple[str, ...] = ()
 
@@ -129,18 +148,59 @@ class Surface:
         put("measured", measured.astype(bool))
         if self.source is None:
             put("source", np.where(self.measured, np.arange(count), -1).astype(np.int32))
-        for name, dtype in (("source", np.int32), ("rotation", np.float32), ("error", np.float32), ("file_vertex", np.int32)):
+        numbers = {"source": np.int32, "file_vertex": np.int32}
+        for name, dtype in {**numbers, "rotation": np.float32, "error": np.float32, "confidence": np.float32}.items():
             value = getattr(self, name)
             if value is None:
                 continue
             put(name, checked_shape(name, value, dtype, (count,)))
+        if self.confidence is not None and not ((self.confidence >= 0) & (self.confidence <= 1)).all():
+            raise InputError("confidence must be from 0 to 1 at every vertex")
         if self.uv is not None:
             uv = np.ascontiguousarray(self.uv, np.float64)
             if uv.shape != (len(self.faces), 3, 2):
                 raise InputError(f"uv must have shape ({len(self.faces)}, 3, 2), two numbers for every corner, not {uv.shape}")
             put("uv", uv)
+        self._put_faces(put)
         if count and not (self.source.min() >= -1 and self.source.max() < count):
             raise InputError(f"source must hold vertex numbers from 0 to {count - 1}, or -1; it holds {self.source.max()}")
+
+    def _put_faces(self, put: Callable[[str, Array], None]) -> None:
+        """Check what is held for every face."""
+        faces = (len(self.faces),)
+        if self.measured_face is not None:
+            if self.measured_face.dtype.kind not in "bui":
+                raise InputError(f"measured_face must be bool, not {self.measured_face.dtype}")
+            if self.measured_face.shape != faces:
+                raise InputError(f"measured_face must have shape {faces}, not {self.measured_face.shape}")
+            put("measured_face", self.measured_face.astype(bool))
+        if self.more_pictures and (self.picture is None or self.face_picture is None):
+            raise InputError("more_pictures go with a picture and with face_picture, which says whose they are")
+        if self.face_picture is not None:
+            shown = checked_shape("face_picture", self.face_picture, np.int32, faces)
+            known = len(self.pictures)
+            if len(shown) and not (shown.min() >= -1 and shown.max() < known):
+                raise InputError(f"face_picture must hold numbers of the {known} pictures, from 0, or -1; it holds {shown.max()}")
+            put("face_picture", shown)
+
+    @property
+    def pictures(self) -> tuple[bytes, ...]:
+        """All image files that texture coordinates refer to: ``picture`` and ``more_pictures``.
+
+        Returns
+        -------
+        tuple of bytes
+            What the files hold; a face's is the one that ``face_picture`` numbers.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import intaglio
+        >>> triangle = intaglio.Surface(vertices=np.eye(3), faces=np.array([[0, 1, 2]]))
+        >>> triangle.pictures
+        ()
+        """
+        return (() if self.picture is None else (self.picture,)) + self.more_pictures
 
     @property
     def displacement(self) -> Array:
@@ -260,12 +320,12 @@ class Surface:
         whole = keep[self.faces].all(axis=1)
         source = self.source[keep]
         fields = {name: value[keep] for name in PER_VERTEX if (value := getattr(self, name)) is not None}
+        fields |= {name: value[whole] for name in PER_FACE if (value := getattr(self, name)) is not None}
         return replace(
             self,
             **fields,
             faces=renumber[self.faces[whole]],
             source=np.where(source >= 0, renumber[source], -1),
-            uv=None if self.uv is None else self.uv[whole],
             file_vertex=(np.arange(len(keep)) if self.file_vertex is None else self.file_vertex)[keep],
         )
 

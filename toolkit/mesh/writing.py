@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import warnings
 from pathlib import Path
@@ -11,10 +12,19 @@ import numpy as np
 
 from intaglio.arrays import Array, PathLike
 from intaglio.checks import checked_arguments
-from intaglio.errors import FileError, InputError, IntaglioWarning
-from intaglio.files import check_writable, whole_file
+from intaglio.errors import FileError, InputError, IntaglioError, IntaglioWarning
+from intaglio.files import check_writable, whole_file, write_samples
 from intaglio.kernels.transfer import encode_srgb
-from intaglio.mesh.textured_writing import material_file, material_text, picture_file, ply_faces, textured_gltf, textured_obj
+from intaglio.mesh.textured_writing import (
+    files_of_filling,
+    material_file,
+    material_text,
+    measured_mask,
+    picture_files,
+    ply_faces,
+    textured_gltf,
+    textured_obj,
+)
 from intaglio.mesh.topology import unique_edges, used_vertices
 
 if TYPE_CHECKING:
@@ -22,9 +32,12 @@ if TYPE_CHECKING:
     from intaglio.mesh.surface import Surface
 
 WRITABLE = (".ply", ".obj", ".stl", ".off", ".gltf", ".glb")
+# These hold texture coordinates and pictures.
+_TEXTURED = (".ply", ".obj", ".gltf", ".glb")
 # These hold 32-bit floats: a unit in the last place may not exceed this share of the typical edge.
 _SINGLE = (".stl", ".gltf", ".glb")
 _COARSE = 1e-3
+_NO_FACES = "a surface without faces can be written as .ply only"
 
 
 @checked_arguments
@@ -32,10 +45,13 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
     """Write a surface to a file.
 
     PLY (binary, double precision) keeps everything: per vertex ``base_x`` … ``base_z``, ``nx`` … ``nz`` (the base's normal),
-    ``measured``, ``source``, ``rotation``, ``error`` and ``red``, ``green``, ``blue`` (8-bit sRGB, for other programs) with
-    ``linear_red`` … (float, what is read back); the model and the notes as comments. The other types keep positions,
-    faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single precision. Texture coordinates and their
-    picture are kept by PLY and OBJ, with the picture beside the file, and by glTF inside it.
+    ``measured``, ``source``, ``rotation``, ``error``, ``confidence`` and ``red``, ``green``, ``blue`` (8-bit sRGB, for other
+    programs) with ``linear_red`` … (float, what is read back); per face ``measured``; the model and the notes as comments. The
+    other types keep positions, faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single precision.
+    Texture coordinates and their pictures are kept by PLY and OBJ, with the pictures beside the file, and by glTF inside it.
+
+    If some of a textured surface's faces were filled, a mask of each picture lies beside OBJ and glTF, ``*_measured.png``: white
+    where measured faces lie.
 
     Parameters
     ----------
@@ -83,34 +99,61 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
     if kind in _SINGLE:
         check_single_precision(surface, path)
     textured = surface.uv is not None and bool(np.isfinite(surface.uv).all(axis=(1, 2)).any())
-    picture = None if surface.picture is None or not textured else picture_file(path, surface.picture)
+    pictures = picture_files(path, surface) if textured and kind in _TEXTURED else []
+    masked = kind != ".ply"
     if textured and kind in (".stl", ".off"):
         warnings.warn(f"{path}: {kind} holds no texture coordinates and no picture; write .ply, .obj or .glb", IntaglioWarning, 2)
-    if picture is not None and kind in (".ply", ".obj"):
-        for file in (picture, *([material_file(path)] if kind == ".obj" else [])):
-            check_writable(file)
-        with whole_file(picture) as beside:
-            beside.write_bytes(surface.picture or b"")
-    if kind == ".obj" and picture is not None:
+    for file in files_beside(surface, path):
+        check_writable(file)
+    for number, picture in enumerate(pictures):
+        if kind in (".ply", ".obj"):
+            with whole_file(picture.path) as beside:
+                beside.write_bytes(picture.content)
+        if masked and picture.mask is not None:
+            _write_mask(surface, number, picture.mask)
+    if kind == ".obj" and pictures:
         with whole_file(material_file(path)) as beside:
-            beside.write_text(material_text(picture.name), "utf-8")
+            beside.write_text(material_text(pictures), "utf-8")
     with whole_file(path) as beside:
         if kind == ".ply":
-            _write_ply(surface, beside, picture)
+            _write_ply(surface, beside, [picture.path.name for picture in pictures])
         elif textured and kind == ".obj":
-            beside.write_text(textured_obj(surface, None if picture is None else material_file(path).name), "utf-8")
+            beside.write_text(textured_obj(surface, [p.material for p in pictures], material_file(path).name), "utf-8")
         elif textured and kind in (".glb", ".gltf"):
             beside.write_bytes(textured_gltf(surface, kind))
+        elif kind == ".off" and surface.color is not None:
+            beside.write_text(_colored_off(surface, path), "utf-8")
         else:
             _write_trimesh(surface, beside, kind)
 
 
-def files_beside(surface: Surface, path: Path) -> list[Path]:
-    """Return the files that `write_surface` writes beside ``path``: a picture, and an OBJ's materials."""
+def files_beside(surface: Surface, path: Path, *, to_be_filled: bool = False) -> list[Path]:
+    """Return the files that `write_surface` writes beside ``path``: pictures, an OBJ's materials, and masks.
+
+    ``to_be_filled`` adds those that the filling of a textured scan will bring.
+    """
     kind = path.suffix.lower()
-    if surface.picture is None or surface.uv is None or kind not in (".ply", ".obj"):
+    if not surface.pictures or surface.uv is None or kind not in _TEXTURED:
         return []
-    return [picture_file(path, surface.picture), *([material_file(path)] if kind == ".obj" else [])]
+    pictures = picture_files(path, surface)
+    files = [picture.path for picture in pictures] if kind in (".ply", ".obj") else []
+    files += [material_file(path)] if kind == ".obj" else []
+    files += [picture.mask for picture in pictures if picture.mask is not None and kind != ".ply"]
+    if to_be_filled:
+        added = files_of_filling(path, pictures)
+        wanted = {".ply": added[:1], ".obj": added}.get(kind, added[1:])
+        files += [file for file in wanted if file not in files]
+    return files
+
+
+def _write_mask(surface: Surface, number: int, path: Path) -> None:
+    """Write the mask of what was measured of a picture; warn if the picture can't be read."""
+    try:
+        mask = measured_mask(surface, number)
+    except IntaglioError as error:
+        warnings.warn(f"{path}: not written, since {error}", IntaglioWarning, 3)
+        return
+    write_samples(np.where(mask, 255, 0).astype(np.uint8), path)
 
 
 def check_single_precision(surface: Surface, path: Path) -> None:
@@ -132,7 +175,7 @@ def check_single_precision(surface: Surface, path: Path) -> None:
         )
 
 
-def _write_ply(surface: Surface, path: Path, picture: Path | None) -> None:
+def _write_ply(surface: Surface, path: Path, pictures: list[str]) -> None:
     names = ["x", "y", "z", "nx", "ny", "nz", "base_x", "base_y", "base_z"]
     columns = np.concatenate([surface.vertices, surface.normal, surface.base], axis=1)
     fields: list[tuple[str, str, Array]] = [(n, "double", columns[:, i]) for i, n in enumerate(names)]
@@ -140,7 +183,7 @@ def _write_ply(surface: Surface, path: Path, picture: Path | None) -> None:
     fields.append(("source", "int", surface.source))
     if surface.file_vertex is not None:
         fields.append(("file_vertex", "int", surface.file_vertex))
-    for name in ("rotation", "error"):
+    for name in ("rotation", "error", "confidence"):
         value = getattr(surface, name)
         if value is not None:
             fields.append((name, "float", value))
@@ -151,18 +194,15 @@ def _write_ply(surface: Surface, path: Path, picture: Path | None) -> None:
     if surface.model is not None:
         header.append(f"comment model {json.dumps(_model_record(surface.model))}")
     header += [f"comment note {json.dumps(note)}" for note in surface.notes]
-    if picture is not None:
-        header.append(f"comment TextureFile {picture.name}")
+    header += [f"comment TextureFile {name}" for name in pictures]
     header.append(f"element vertex {len(table)}")
     header += properties
-    header += [f"element face {len(surface.faces)}", "property list uchar int vertex_indices"]
-    if surface.uv is not None:
-        header.append("property list uchar float texcoord")
-    header += ["end_header", ""]
+    faces, declared = ply_faces(surface)
+    header += [f"element face {len(surface.faces)}", *declared, "end_header", ""]
     with open(path, "wb") as file:
         file.write("\n".join(header).encode("utf-8"))
         file.write(table.tobytes())
-        file.write(ply_faces(surface))
+        file.write(faces)
 
 
 def color_fields(color: Array) -> list[tuple[str, str, Array]]:
@@ -191,12 +231,26 @@ def _model_record(model: Base) -> dict[str, object]:
     return record
 
 
+def _colored_off(surface: Surface, path: Path) -> str:
+    """Return an OFF file with colours, which trimesh leaves out."""
+    if len(surface.faces) == 0:
+        raise InputError(f"{path}: {_NO_FACES}")
+    assert surface.color is not None
+    levels = np.full((len(surface.vertices), 4), 255)
+    levels[:, :3] = np.round(encode_srgb(surface.color) * 255)
+    buffer = io.StringIO()
+    buffer.write(f"COFF\n{len(surface.vertices)} {len(surface.faces)} 0\n")
+    np.savetxt(buffer, np.concatenate([surface.vertices, levels], axis=1), fmt="%.17g %.17g %.17g %d %d %d %d")
+    np.savetxt(buffer, surface.faces, fmt="3 %d %d %d")
+    return buffer.getvalue()
+
+
 def _write_trimesh(surface: Surface, path: Path, kind: str) -> None:
     import trimesh
 
     used = used_vertices(surface.faces, len(surface.vertices))
     if not used.any():
-        raise InputError(f"{path}: a surface without faces can be written as .ply only")
+        raise InputError(f"{path}: {_NO_FACES}")
     colors = None if surface.color is None else np.round(encode_srgb(surface.color) * 255).astype(np.uint8)
     mesh = trimesh.Trimesh(surface.vertices, surface.faces, vertex_colors=colors, process=False)
     options = {"digits": 17} if kind in (".obj", ".off") else {}

@@ -1,12 +1,14 @@
 """Completing missing relief: Breckon & Fisher's two stages."""
 
 from intaglio.mesh import Base, Cylinder, Plane, SmoothBase, Sphere
-from intaglio.relief.assess import ReliefReport, TruthComparison, assess_relief
+from intaglio.relief.assess import assess_relief
 from intaglio.relief.completion import PreparedRelief, complete_relief, prepare_relief
+from intaglio.relief.figures import ReliefReport, TruthComparison
 from intaglio.relief.ground import FRAMES, Hole, fit_base, list_holes, sampling_distance, smooth_over_surface
-from intaglio.relief.growth import METRICS, ORDERS, RULES, SEARCHES, ReliefSettings, Selection
+from intaglio.relief.growth import METRICS, ORDERS, PARTNERS, RULES, SEARCHES, ReliefSettings, Selection
 from intaglio.relief.pictures import FILLED_TINT, choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured
 from intaglio.relief.report import COMPLETED, RELIEF, SCAN, TRUTH, relief_pictures, write_relief_report
+from intaglio.relief.smooth_filling import without_relief
 
 __all__ = [
     "COMPLETED",
@@ -14,6 +16,7 @@ __all__ = [
     "FRAMES",
     "METRICS",
     "ORDERS",
+    "PARTNERS",
     "RELIEF",
     "RULES",
     "SCAN",
@@ -43,5 +46,6 @@ __all__ = [
     "relief_pictures",
     "sampling_distance",
     "smooth_over_surface",
+    "without_relief",
     "write_relief_report",
 ]

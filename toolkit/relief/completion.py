@@ -441,13 +441,13 @@ class PreparedRelief:
 
     def _samples(
         self, ground: Ground, settings: ReliefSettings, parameters: Parameters, exemplar: Array | None
-    ) -> tuple[Samples, bool]:
+    ) -> tuple[Samples, bool | int]:
         """Return the samples, those of the exemplar if there is one, and whether their edges were halved."""
         oversample = settings.oversample
         if oversample is None:
             candidates = 4 * int(ground.measured.sum()) * parameters.rotations
             oversample = not ground.regular and candidates <= _OVERSAMPLE_UP_TO
-        samples = sample_set(ground, oversample)
+        samples = sample_set(ground, int(oversample))
         if exemplar is None:
             return samples, oversample
         if settings.bootstrap:
@@ -487,7 +487,7 @@ def _check_samples(ground: Ground) -> None:
 
 
 def _account(
-    ground: Ground, stage: Stage, settings: ReliefSettings, parameters: Parameters, resources: Resources, oversampled: bool
+    ground: Ground, stage: Stage, settings: ReliefSettings, parameters: Parameters, resources: Resources, oversampled: bool | int
 ) -> tuple[str, ...]:
     """Return notes of what the relief was grown with and how it went."""
     window, growth = parameters.window, stage.growth

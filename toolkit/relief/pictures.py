@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.mesh import SmoothBase, Surface, pieces
+from intaglio.mesh import SmoothBase, Surface
+from intaglio.relief.fillings import list_fillings
 from intaglio.render import CLAY, Light, Viewpoint, frame, view
 
 # How far around the largest filling a picture reaches, in its own radii.
@@ -17,7 +18,7 @@ def choose_viewpoints(surface: Surface) -> list[tuple[str, Array, Array]]:
     """Return (name, direction, up) of three views: the measured part, across the seam, the filled part."""
     normal = surface.normal
     if isinstance(surface.model, SmoothBase):
-        return _aboutlargest_filling(surface)
+        return _about_largest_filling(surface)
     seen, made = (normal[m].mean(axis=0) if m.any() else np.zeros(3) for m in (surface.measured, ~surface.measured))
     kind = surface.model.kind if surface.model is not None else "plane"
     front = _unit(seen) if np.linalg.norm(seen) > 1e-3 else _unit(normal[surface.measured][0])
@@ -62,15 +63,11 @@ def mark_pictured(surface: Surface, completed: Surface) -> Array:
 
 def largest_filling(surface: Surface) -> Array:
     """Return the vertices (K,) of the filled region that has most of them; all where nothing was filled."""
-    filled = ~surface.measured
-    if not filled.any():
-        return np.arange(len(filled))
-    _, label = pieces(surface.faces[filled[surface.faces].all(axis=1)], len(filled))
-    label = np.where(filled, label, -1)
-    return np.flatnonzero(label == np.argmax(np.bincount(label[filled])))
+    fillings = list_fillings(surface)
+    return fillings[0].vertices if fillings else np.arange(len(surface.vertices))
 
 
-def _aboutlargest_filling(surface: Surface) -> list[tuple[str, Array, Array]]:
+def _about_largest_filling(surface: Surface) -> list[tuple[str, Array, Array]]:
     normal = surface.normal[largest_filling(surface)].mean(axis=0)
     front = _unit(normal) if np.linalg.norm(normal) > 1e-3 else np.array([0.0, 0.0, 1.0])
     up = np.eye(3)[1] if abs(front[1]) < 0.8 else np.eye(3)[2]
@@ -100,6 +97,17 @@ def clay_pictures(
 def provenance_pictures(surface: Surface, cameras: list[Viewpoint], *, size: tuple[int, int] = (480, 480)) -> list[Array]:
     """Return renderings with the measured part in clay and the filled part in blue."""
     colors = np.where(surface.measured[:, None], CLAY, FILLED_TINT)
+    return [picture(surface, camera, colors=colors, size=size) for camera in cameras]
+
+
+def confidence_pictures(
+    surface: Surface, confidence: Array, cameras: list[Viewpoint], *, size: tuple[int, int] = (480, 480)
+) -> list[Array]:
+    """Return renderings with the measured part in clay and the filled part from red (0) over yellow to green (1)."""
+    sure = np.clip(np.nan_to_num(confidence), 0, 1)[:, None]
+    red, yellow, green = np.array([0.6, 0.05, 0.03]), np.array([0.75, 0.6, 0.06]), np.array([0.08, 0.45, 0.08])
+    scale = np.where(sure < 0.5, red + 2 * sure * (yellow - red), yellow + (2 * sure - 1) * (green - yellow))
+    colors = np.where(surface.measured[:, None], CLAY, scale)
     return [picture(surface, camera, colors=colors, size=size) for camera in cameras]
 
 

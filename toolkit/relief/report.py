@@ -13,10 +13,12 @@ from intaglio.errors import InputError
 from intaglio.files import check_writable, listing, picture_row, write_page
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface
-from intaglio.relief.assess import ReliefReport, assess_relief
+from intaglio.relief.assess import assess_relief
+from intaglio.relief.figures import BAND_NAMES, ReliefReport
 from intaglio.relief.pictures import (
     choose_viewpoints,
     clay_pictures,
+    confidence_pictures,
     difference_pictures,
     fixed_cameras,
     mark_pictured,
@@ -26,6 +28,9 @@ from intaglio.relief.pictures import (
 SCAN, COMPLETED, TRUTH = "The scan", "Completed", "The truth"
 RELIEF = "Completed, relief alone"
 _MEASURED, _FILLED = "#a5855a", "#3b6ea5"
+_BANDS = ("#3b6ea5", "#7a4fa0", "#b0562f")
+# The plot of roughness reaches from a quarter to four times that of the surroundings.
+_LEAST_SHOWN, _MOST_SHOWN = 0.25, 4.0
 
 
 @checked_arguments
@@ -119,6 +124,8 @@ def write_relief_report(
     names = [name for name, _, _ in choose_viewpoints(surface)]
     body = [picture_row(heading, dict(zip(names, images, strict=True))) for heading, images in pictures.items()]
     body.append(listing("Figures", [*report.lines(), *extra]))
+    if np.isfinite(report.roughness).any():
+        body.append(f"<h2>Roughness against the surroundings</h2><div class=row><figure>{_roughness(report)}</figure></div>")
     body.append("<h2>Distributions</h2><div class=row>" + _distributions(report, surface) + "</div>")
     if surface.notes:
         body.append(listing("What was chosen", surface.notes))
@@ -145,6 +152,9 @@ def relief_pictures(
     if surface.color is not None:
         rows[RELIEF] = clay_pictures(surface, cameras, size=shape, color=False)
     rows["Measured (clay) and filled (blue)"] = provenance_pictures(surface, cameras, size=shape)
+    if surface.confidence is not None:
+        heading = "Confidence of what was filled: red 0, yellow 0.5, green 1"
+        rows[heading] = confidence_pictures(surface, surface.confidence, cameras, size=shape)
     if truth is not None:
         rows[TRUTH] = clay_pictures(truth, cameras, size=shape)
     if report.truth is not None:
@@ -152,6 +162,36 @@ def relief_pictures(
         heading = f"Difference from the truth: blue {-spread:.3g}, white 0, red {spread:+.3g}"
         rows[heading] = difference_pictures(surface, report.truth.difference[seen], cameras, limit=spread, size=shape)
     return rows
+
+
+def _roughness(report: ReliefReport) -> str:
+    """Return a plot of roughness against the surroundings, a line for each band from rim to middle, dashed for the truth."""
+
+    def height(ratio: float) -> float:
+        shown = min(max(ratio, _LEAST_SHOWN), _MOST_SHOWN)
+        return 10 + 120 * (1 - np.log(shown / _LEAST_SHOWN) / np.log(_MOST_SHOWN / _LEAST_SHOWN))
+
+    across = np.linspace(50, 200, report.roughness.shape[1])
+    lines = f'<rect x="30" y="{height(1.25):.1f}" width="190" height="{height(0.8) - height(1.25):.1f}" fill="#eee"/>'
+    curves = [(report.roughness, "")]
+    if report.truth is not None:
+        curves.append((report.truth.roughness, ' stroke-dasharray="3 3" opacity="0.6"'))
+    for roughness, style in curves:
+        for row, color in zip(roughness, _BANDS, strict=True):
+            places = [f"{x:.1f},{height(v):.1f}" for x, v in zip(across, row, strict=True) if np.isfinite(v)]
+            lines += f'<polyline fill="none" stroke="{color}" stroke-width="2"{style} points="{" ".join(places)}"/>'
+            lines += "".join(
+                f'<circle cx="{p.split(",")[0]}" cy="{p.split(",")[1]}" r="3" fill="{color}"{style}/>' for p in places
+            )
+    for value in (_LEAST_SHOWN, 0.5, 1.0, 2.0, _MOST_SHOWN):
+        lines += f'<text x="26" y="{height(value) + 4:.1f}" font-size="11" fill="#555" text-anchor="end">{value:g}</text>'
+    for x, name in zip(across, ("rim", "halfway", "middle"), strict=True):
+        lines += f'<text x="{x:.1f}" y="148" font-size="11" fill="#555" text-anchor="middle">{name}</text>'
+    for row, (name, color) in enumerate(zip(BAND_NAMES, _BANDS, strict=True)):
+        lines += f'<text x="232" y="{24 + 14 * row}" font-size="11" fill="{color}">{name} spacings</text>'
+    if report.truth is not None:
+        lines += '<text x="232" y="66" font-size="11" fill="#555">dashed: the truth</text>'
+    return f'<svg viewBox="0 0 340 155" role="img" aria-label="roughness against the surroundings">{lines}</svg>'
 
 
 def _distributions(report: ReliefReport, surface: Surface) -> str:

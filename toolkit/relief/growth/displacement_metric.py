@@ -20,7 +20,7 @@ from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth.comparison import Comparison
 from intaglio.relief.growth.propagation import choose_near_best
-from intaglio.relief.growth.samples import Samples, filled_sample_set
+from intaglio.relief.growth.samples import Samples, with_filled
 from intaglio.relief.growth.settings import Selection
 from intaglio.relief.growth.state import Picks, State
 
@@ -41,6 +41,7 @@ class DisplacementMetric:
     The grid is located on the base's triangulation once per vertex; what is compared are heights interpolated there, and with
     them colours and coarser relief. A grid point counts as textured where all corners that carry its triangle's weight are. A
     candidate is viable only if it has every grid point that the target has (the papers' rule that every partner be textured).
+    Interpolated linearly, a subdivided surface is the same one: oversampling adds samples here, and nothing else.
 
     Parameters
     ----------
@@ -61,6 +62,8 @@ class DisplacementMetric:
         Hold the targets' located grids (12 bytes a point); else they are located anew whenever they are read.
     seed : int
         Of the approximate search.
+    partners : {"measured", "textured"}
+        What counts as known around a sample: see `ReliefSettings`.
     """
 
     def __init__(
@@ -76,8 +79,10 @@ class DisplacementMetric:
         approximate: bool = False,
         keep_grids: bool = True,
         seed: int = 0,
+        partners: str = "measured",
     ) -> None:
-        self.samples = samples
+        self.samples = self._measured_samples = samples
+        self._partners = partners
         self.device, self.engine = device, engine
         self._ground = ground
         self._comparison = Comparison() if comparison is None else comparison
@@ -122,6 +127,8 @@ class DisplacementMetric:
         cost = np.full(len(targets), np.inf)
         fields = self._fields(state.height, state.color)
         textured = self._upload_textured(state.textured)
+        if self._partners == "textured":
+            self._read_grown(fields, textured)
         for first in range(0, len(targets), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             value, weight, supported = self._neighborhoods(targets[part], window[part], fields, textured)
@@ -138,7 +145,9 @@ class DisplacementMetric:
 
     def absorb(self, state: State) -> None:
         """See `Metric.absorb`."""
-        samples = filled_sample_set(self._ground, state.textured, state.height, state.source, state.rotation, state.color)
+        samples = with_filled(
+            self._measured_samples, self._ground, state.textured, state.height, state.source, state.rotation, state.color
+        )
         self._take_samples(samples, state.textured, state.height, state.color)
 
     def neighborhoods(self, targets: Array, window: Array, state: State) -> tuple[Array, Array, Array]:
@@ -231,19 +240,11 @@ class DisplacementMetric:
 
     def _take_samples(self, samples: Samples, textured: Array, height: Array, color: Array | None) -> None:
         fields, known_at = self._fields(height, color), self._upload_textured(textured)
-        count, points = len(samples.vertex), len(self._ring)
-        shape = (count, points * len(fields))
-        self._value, self._known = np.zeros(shape, np.float32), np.zeros(shape, bool)
-        for first in range(0, count, _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            grid = self._locate(samples.foot[part], samples.u[part], samples.v[part], samples.first_face[part])
-            for c, ((_, everywhere), field) in enumerate(zip(self._factors, fields, strict=True)):
-                columns = slice(c * points, (c + 1) * points)
-                value, known = self._locator.gather(
-                    np.arange(len(samples.foot[part])), grid, field, self._everything if everywhere else known_at
-                )
-                self._value[part, columns], self._known[part, columns] = value.numpy(), known.numpy() > 0
         self.samples = samples
+        count = len(samples.vertex)
+        shape = (count, len(self._ring) * len(fields))
+        self._value, self._known = np.zeros(shape, np.float32), np.zeros(shape, bool)
+        self._read_samples(np.arange(count), fields, known_at)
         complete = np.asarray(self._known[:, np.flatnonzero(self._ring <= 1)].all(axis=1))
         if not complete.any():
             raise InputError(
@@ -253,9 +254,33 @@ class DisplacementMetric:
         compared = np.arange(count)
         if self._approximate:
             compared = self._lay_landmarks(complete)
-        self._matcher = NeighborhoodMatcher(
+        self._matcher = self._matcher_of(compared)
+
+    def _matcher_of(self, compared: Array) -> NeighborhoodMatcher:
+        return NeighborhoodMatcher(
             self._value[compared], self._known[compared], self._turns, device=self.device, engine=self.engine
         )
+
+    def _read_samples(self, numbers: Array, fields: Sequence[wp.array], known_at: wp.array) -> None:
+        """Read the neighbourhoods of the samples with these numbers."""
+        samples, points = self.samples, len(self._ring)
+        for first in range(0, len(numbers), _AT_ONCE):
+            part = numbers[first : first + _AT_ONCE]
+            grid = self._locate(samples.foot[part], samples.u[part], samples.v[part], samples.first_face[part])
+            for c, ((_, everywhere), field) in enumerate(zip(self._factors, fields, strict=True)):
+                columns = slice(c * points, (c + 1) * points)
+                value, known = self._locator.gather(
+                    np.arange(len(part)), grid, field, self._everything if everywhere else known_at
+                )
+                self._value[part, columns], self._known[part, columns] = value.numpy(), known.numpy() > 0
+
+    def _read_grown(self, fields: Sequence[wp.array], textured: wp.array) -> None:
+        """Read what was filled since around samples whose surroundings are not whole."""
+        partial = np.flatnonzero(~self._known.all(axis=1))
+        before = int(self._known[partial].sum())
+        self._read_samples(partial, fields, textured)
+        if int(self._known[partial].sum()) > before:
+            self._matcher = self._matcher_of(np.arange(len(self._known)))
 
     def _lay_landmarks(self, complete: Array) -> Array:
         """Choose the samples that are compared in full, and set up the search from them."""

@@ -10,7 +10,7 @@ from scipy.sparse import diags_array
 from intaglio.arrays import Array
 from intaglio.mesh import directed_edges, vertex_normals
 from intaglio.randomness import Stream, uniform
-from intaglio.relief.ground import Ground
+from intaglio.relief.ground import Ground, smooth_over_surface
 from intaglio.statistics import autocovariance
 
 # Lags that are looked at, in steps of the scan; a bin is half a step wide.
@@ -21,6 +21,9 @@ _LEAST_WINDOW, _MOST_WINDOW = 4, 12
 # Share of directed slope from which relief counts as having one direction everywhere.
 _DIRECTED = 0.25
 _ROTATIONS = 12
+# A spacing wider than the scan's own by this much may be too wide; it is, where waves shorter than twice the spacing hold this
+# share of the relief's variance.
+_WIDER, _SHARE_LOST = 1.2, 0.25
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Parameters:
         In squared input units.
     rotations : int
     notes : tuple of str
-        What was chosen and why; nothing about what was given.
+        What was chosen and why, and what was given that can't serve; nothing else about what was given.
     """
 
     window: int
@@ -71,7 +74,29 @@ def choose_parameters(
     if rotations is None:
         rotations, note = _rotations(ground)
         notes.append(note)
+    notes += _aliasing(ground)
     return Parameters(window, error, rotations, tuple(notes))
+
+
+def _aliasing(ground: Ground) -> list[str]:
+    """Return a note where targets lie too far apart for the relief (3DIM 2005, section 4: the Nyquist frequency), or none."""
+    measured = ground.measured
+    faces = ground.faces[measured[ground.faces].all(axis=1)]
+    edges = directed_edges(faces)
+    step = float(np.median(np.linalg.norm(ground.foot[edges[:, 0]] - ground.foot[edges[:, 1]], axis=1)))
+    if ground.spacing <= _WIDER * step:
+        return []
+    height = ground.height[measured]
+    shortest = 2 * ground.spacing
+    lost = height - smooth_over_surface(height[:, None], ground.foot[measured], faces, shortest)[:, 0]
+    noise = noise_variance(ground)
+    share = (float(lost.var()) - noise) / max(float(height.var()) - noise, 1e-300)
+    if share < _SHARE_LOST:
+        return []
+    return [
+        f"spacing {ground.spacing:.4g} is too wide for the relief (Nyquist): much of it lies in waves shorter than "
+        f"{shortest:.4g}, which vertices so far apart can't carry; the scan's own lie {step:.4g} apart"
+    ]
 
 
 def correlation(ground: Ground) -> tuple[Array, Array]:

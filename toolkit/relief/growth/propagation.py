@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 from intaglio.arrays import Array, Progress
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
+from intaglio.relief.growth.interpolation import ReliefBetween
 from intaglio.relief.growth.samples import Samples
 from intaglio.relief.growth.settings import Selection
 from intaglio.relief.growth.state import Growth, Metric, Picks, State
@@ -22,6 +23,7 @@ def grow_relief(
     selection: Selection,
     order: str = "wave",
     bootstrap: bool = False,
+    between: ReliefBetween | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Growth:
@@ -50,6 +52,8 @@ def grow_relief(
     order : {"wave", "sequential"}
     bootstrap : bool
         Filled vertices become samples.
+    between : ReliefBetween, optional
+        Reads displacements between the samples' vertices.
     seed : int
     progress : callable, optional
         Called with (filled, total) after each list.
@@ -90,7 +94,7 @@ def grow_relief(
             picks = metric.pick(part, windows[part], state, selection, draw)
             accepted = (picks.sample >= 0) & (picks.error < threshold)
             viable |= bool((picks.sample >= 0).any())
-            _fill(state, part[accepted], metric.samples, picks, accepted)
+            _fill(state, part[accepted], metric.samples, picks, accepted, between, windows[part[accepted]])
             failed = part[~accepted]
             windows[failed] = np.maximum(windows[failed] - 1, 1)
             attempts[failed] += 1
@@ -110,16 +114,54 @@ def grow_relief(
     return Growth(state, waves, threshold, int((windows[targets] < window).sum()), orphans)
 
 
-def _fill(state: State, vertices: Array, samples: Samples, picks: Picks, accepted: Array) -> None:
-    chosen = picks.sample[accepted]
-    state.height[vertices] = samples.height[chosen]
-    state.source[vertices] = samples.vertex[chosen]
-    state.sample[vertices] = chosen
-    state.rotation[vertices] = np.mod(picks.rotation[accepted] + samples.turn[chosen], np.float32(2 * np.pi))
-    state.error[vertices] = picks.error[accepted]
-    if state.color is not None and samples.color is not None:
-        state.color[vertices] = samples.color[chosen]
+def _fill(
+    state: State,
+    vertices: Array,
+    samples: Samples,
+    picks: Picks,
+    accepted: Array,
+    between: ReliefBetween | None,
+    windows: Array,
+) -> None:
+    own = Picks(picks.sample[accepted], picks.rotation[accepted], picks.error[accepted])
+    carry_relief(state, vertices, samples, own, between, windows)
+    turn = samples.turn[own.sample]
+    state.rotation[vertices] = np.mod(own.rotation + turn, np.float32(2 * np.pi))
     state.textured[vertices] = True
+
+
+def carry_relief(
+    state: State, vertices: Array, samples: Samples, picks: Picks, between: ReliefBetween | None, windows: Array
+) -> None:
+    """Let ``vertices`` carry the relief of their matches: the samples' own, or what lies ``between`` them.
+
+    Parameters
+    ----------
+    state : State
+        Changed in place.
+    vertices : (T,) array
+    samples : Samples
+        What the matches number.
+    picks : Picks
+        One match for each vertex, all found.
+    between : ReliefBetween, optional
+    windows : (T,) array
+        Radius of the neighbourhoods, in edges.
+    """
+    chosen = picks.sample
+    if between is None:
+        height, source, color = samples.height[chosen], samples.vertex[chosen], None
+        if samples.color is not None:
+            color = samples.color[chosen]
+    else:
+        _, height, source, color = between.take(vertices, picks, windows, state, samples)
+    state.height[vertices] = height
+    state.source[vertices] = source
+    state.sample[vertices] = chosen
+    state.rotation[vertices] = picks.rotation
+    state.error[vertices] = picks.error
+    if state.color is not None and color is not None:
+        state.color[vertices] = color
 
 
 def _take_from_neighbors(state: State, vertices: Array, graph: csr_array) -> None:

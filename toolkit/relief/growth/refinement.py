@@ -17,8 +17,10 @@ from intaglio.kernels.transfer import decode_srgb
 from intaglio.mesh import SmoothBase, unique_edges
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.ground import Ground
+from intaglio.relief.growth.interpolation import ReliefBetween
+from intaglio.relief.growth.propagation import carry_relief
 from intaglio.relief.growth.settings import Selection
-from intaglio.relief.growth.state import State, VotingMetric
+from intaglio.relief.growth.state import Picks, State, VotingMetric
 
 _SMALLEST_WINDOW = 3
 # How far around a hole its surroundings reach at least, in spacings.
@@ -35,6 +37,7 @@ def refine_relief(
     window: int,
     passes: int,
     seed: int,
+    between: ReliefBetween | None = None,
     progress: Progress | None = None,
 ) -> int:
     """Refine the filled part of ``state`` in place; return the number of passes made.
@@ -54,6 +57,8 @@ def refine_relief(
     passes : int
         At least 1; the last is the copying one.
     seed : int
+    between : ReliefBetween, optional
+        Reads the last pass's displacements between the samples' vertices.
     progress : callable, optional
         Called with (vertices matched, vertices to match), growth counted in.
     """
@@ -81,14 +86,8 @@ def refine_relief(
             if shown is not None and state.color is not None:
                 state.color[targets[hit]] = decode_srgb(shown[hit])
         else:
-            at, chosen = targets[found], picks.sample[found]
-            state.height[at] = metric.samples.height[chosen]
-            state.source[at] = metric.samples.vertex[chosen]
-            state.sample[at] = chosen
-            state.rotation[at] = picks.rotation[found]
-            state.error[at] = picks.error[found]
-            if state.color is not None and metric.samples.color is not None:
-                state.color[at] = metric.samples.color[chosen]
+            copied = Picks(picks.sample[found], picks.rotation[found], picks.error[found])
+            carry_relief(state, targets[found], metric.samples, copied, between, windows[found])
         if progress is not None:
             progress(len(targets) * (2 + step), len(targets) * (1 + passes))
     return passes

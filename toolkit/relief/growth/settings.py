@@ -12,8 +12,9 @@ METRICS = ("displacement", "surface")
 ORDERS = ("wave", "sequential")
 SEARCHES = ("auto", "exhaustive", "approximate")
 ENGINES = ("auto", "blas", "warp")
+PARTNERS = ("measured", "textured")
 
-_MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES = 64, 720, 6, 100
+_MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES, _MOST_HALVINGS = 64, 720, 6, 100, 4
 _PASSES = 3
 
 
@@ -83,7 +84,7 @@ class ReliefSettings:
         before it, and are compared in the coarser relief as well.
     refine : int, optional
         Passes, 0 to 100, that match the filled part again as a whole, vote, and copy; they remove what growth got wrong. Default
-        3; 0 with the metric "surface" and with ``bootstrap``, which allow none.
+        3; 0 with ``interpolate``, and with the metric "surface", ``bootstrap`` and textured ``partners``, which allow none.
     color_weight : float, optional
         1 - mu of 3DIM 2005, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
         then the combined measure times the squared largest difference of measured displacements. Default: shape alone
@@ -100,8 +101,19 @@ class ReliefSettings:
         a matter of seconds.
     bootstrap : bool
         Filled vertices become samples.
-    oversample : bool, optional
-        Halve the sample set's edges; default where targets don't continue the scan's lattice and candidates stay few.
+    oversample : bool or int, optional
+        Halve the sample set's edges, so many times (True: once), up to 4. Default once where targets don't continue the scan's
+        lattice and candidates stay few. With the metric "surface" the scan's triangles are subdivided with them, and the window's
+        edges are halved there.
+    subsample : float
+        Share of the samples that is compared, chosen by the seed; above 0 and up to 1, all. The surface they lie on stays whole.
+    partners : {"measured", "textured"}
+        What a target's neighbours may fall on where they are laid around a sample: "measured" vertices only (3DIM 2005,
+        appendix A), or all that are textured by then, filled ones too (section 3 there; TPAMI 2008, section 2.2.2), so that
+        samples beside the missing part serve as well.
+    interpolate : bool
+        Take the displacement between the sample's vertices, at the place where the neighbourhood fits best: for targets that are
+        out of phase with the scan's lattice. ``source`` is the measured vertex that is nearest to it.
     along_relief : bool
         Turn every local frame along the slope of the coarser relief (``levels`` of 2 and more), so that one rotation does for
         relief without a direction.
@@ -136,7 +148,10 @@ class ReliefSettings:
     selection: Selection = field(default_factory=Selection)
     search: str = "auto"
     bootstrap: bool = False
-    oversample: bool | None = None
+    oversample: bool | int | None = None
+    subsample: float = 1.0
+    partners: str = "measured"
+    interpolate: bool = False
     along_relief: bool = False
     engine: str = "auto"
 
@@ -153,17 +168,23 @@ class ReliefSettings:
         if self.error is not None:
             put("error", checked_positive("error", self.error))
         put("levels", checked_count("levels", self.levels, 1, _MOST_LEVELS))
-        allowed = 0 if self.metric == "surface" or self.bootstrap else _PASSES
+        growth_alone = self.metric == "surface" or self.bootstrap or self.partners == "textured" or self.interpolate
+        allowed = 0 if growth_alone else _PASSES
         put("refine", checked_count("refine", allowed if self.refine is None else self.refine, 0, _MOST_PASSES))
         if self.color_weight is not None:
             put("color_weight", _color_share(self.color_weight))
-        for name, known in (("metric", METRICS), ("order", ORDERS), ("search", SEARCHES), ("engine", ENGINES)):
-            checked_choice(name, getattr(self, name), known)
+        if self.oversample is not None:
+            put("oversample", checked_count("oversample", int(self.oversample), 0, _MOST_HALVINGS))
+        if not 0 < self.subsample <= 1:
+            raise InputError(f"subsample must be a share above 0 and up to 1, not {shown(self.subsample)}")
+        known = {"metric": METRICS, "order": ORDERS, "search": SEARCHES, "engine": ENGINES, "partners": PARTNERS}
+        for name, choices in known.items():
+            checked_choice(name, getattr(self, name), choices)
         self._check_together()
 
     @property
     def compares_all(self) -> bool:
-        """Whether every sample must be compared: ranks and growing sample sets need it.
+        """Whether every sample must be compared: ranks, growing sample sets and growing surroundings need it.
 
         Examples
         --------
@@ -171,7 +192,7 @@ class ReliefSettings:
         >>> intaglio.ReliefSettings(bootstrap=True).compares_all
         True
         """
-        return self.bootstrap or self.selection.rule == "best-percent"
+        return self.bootstrap or self.partners == "textured" or self.selection.rule == "best-percent"
 
     def _check_together(self) -> None:
         """Raise `InputError` where two settings exclude each other."""
@@ -179,15 +200,18 @@ class ReliefSettings:
             for name, asked in (
                 ("refine", bool(self.refine)),
                 ("levels", self.levels > 1),
-                ("color_weight", self.color_weight is not None),
                 ("search='approximate'", self.search == "approximate"),
             ):
                 if asked:
                     raise InputError(f"{name} works with metric='displacement'; leave it out or change the metric")
         if self.refine and self.bootstrap:
             raise InputError("refine copies from measured samples; set bootstrap=False or refine=0")
+        if self.refine and self.partners == "textured":
+            raise InputError("refine compares with measured surroundings; set partners='measured' or refine=0")
         if self.search == "approximate" and self.compares_all:
             other = "bootstrap" if self.bootstrap else "selection='best-percent'"
+            if self.partners == "textured":
+                other = "partners='textured'"
             raise InputError(f"{other} compares every sample: leave search at 'auto' or 'exhaustive'")
         if self.along_relief and self.levels == 1:
             raise InputError("along_relief turns frames by the coarser relief: give levels=2 or more")

@@ -9,6 +9,7 @@ from intaglio.kernels.location import polar_grid
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth.comparison import Comparison
 from intaglio.relief.growth.displacement_metric import DisplacementMetric
+from intaglio.relief.growth.interpolation import ReliefBetween
 from intaglio.relief.growth.parameters import Parameters
 from intaglio.relief.growth.plan import plan_search
 from intaglio.relief.growth.propagation import grow_relief
@@ -75,6 +76,11 @@ def run_stage(
     progress : callable, optional
         Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
     """
+    between = None
+    if settings.interpolate:
+        between = ReliefBetween(ground, samples)
+        samples = between.inside(samples)
+    samples = samples.subsampled(settings.subsample, resources.seed)
     metric, notes = _metric(ground, samples, parameters, settings, comparison, resources)
     # A refinement pass counts as much as growth: every vertex is matched once in each.
     shares = 1 + (settings.refine or 0)
@@ -91,6 +97,7 @@ def run_stage(
         selection=settings.selection,
         order=settings.order,
         bootstrap=settings.bootstrap,
+        between=between,
         seed=resources.seed,
         progress=report,
     )
@@ -104,6 +111,7 @@ def run_stage(
             window=parameters.window,
             passes=settings.refine,
             seed=resources.seed,
+            between=between,
             progress=progress,
         )
     return Stage(growth, metric.samples, passes, notes)
@@ -120,7 +128,7 @@ def _metric(
     """Return the metric that the settings ask for, and notes about its search."""
     window, rotations = parameters.window, parameters.rotations
     if settings.metric == "surface":
-        return SurfaceMetric(ground, samples, window, rotations, resources.device), ()
+        return SurfaceMetric(ground, samples, window, rotations, resources.device, comparison, settings.partners), ()
     search = "exhaustive" if settings.search == "auto" and settings.compares_all else settings.search
     points = len(polar_grid(max(window, 2), rotations)[1]) * len(comparison.factors())
     plan = plan_search(ground, samples, points, rotations, search, resources.memory, resources.seed)
@@ -135,5 +143,6 @@ def _metric(
         approximate=plan.approximate,
         keep_grids=plan.keep_grids,
         seed=resources.seed,
+        partners=settings.partners,
     )
     return metric, plan.notes

@@ -8,15 +8,23 @@ from scipy.sparse import csr_array
 from intaglio.arrays import Array
 from intaglio.kernels.selection import SHORTLIST, pick_by_rank, select_near_best
 from intaglio.kernels.surface_matching import SurfaceMatcher, SurfaceMesh
+from intaglio.kernels.transfer import encode_srgb
+from intaglio.mesh import Topology
 from intaglio.relief.ground import Ground
+from intaglio.relief.growth.comparison import Comparison
+from intaglio.relief.growth.oversampling import FineGround, subdivide_measured
 from intaglio.relief.growth.propagation import choose_near_best
-from intaglio.relief.growth.samples import Samples, filled_sample_set
+from intaglio.relief.growth.samples import Samples, with_filled
 from intaglio.relief.growth.settings import Selection
 from intaglio.relief.growth.state import Picks, State
 
 
 class SurfaceMetric:
     """Neighbours within w edges, matched by projected position on the base (TPAMI 2008, figure 6 and eq. 2).
+
+    Where the sample set is oversampled, so is the surface: neighbours are counted along its halved edges and laid on its
+    subdivided triangles. With colours in the comparison a neighbour's is compared with that of the vertex that it falls nearest
+    to (3DIM 2005, section 6; its formula is printed unreadably: the mean over the channels is taken, which keeps it in [0, 1]).
 
     Parameters
     ----------
@@ -27,31 +35,53 @@ class SurfaceMetric:
     rotations : int
         R, at least 1.
     device : str
+    comparison : Comparison, optional
+        What is compared beside relief; default nothing.
+    partners : {"measured", "textured"}
+        Where neighbours may fall: see `ReliefSettings`.
     """
 
-    def __init__(self, ground: Ground, samples: Samples, window: int, rotations: int, device: str) -> None:
-        self.samples = samples
+    def __init__(
+        self,
+        ground: Ground,
+        samples: Samples,
+        window: int,
+        rotations: int,
+        device: str,
+        comparison: Comparison | None = None,
+        partners: str = "measured",
+    ) -> None:
+        self.samples = self._measured_samples = samples
         self.device = device
         self._ground = ground
+        self._comparison = Comparison() if comparison is None else comparison
+        self._partners = partners
         self._center = ground.foot.mean(axis=0)
         self._rotations = rotations
         angle = 2 * np.pi * np.arange(rotations) / rotations
         # Distances are squared in single precision: at unit relief scale they keep their digits.
         relief = ground.height[ground.measured]
         self._scale = max(float(relief.std()), 1e-6 * ground.spacing)
-        topology = ground.topology
+        if self._comparison.color_weight > 0:
+            # Colours count in units of the relief's span: they must not drown in what stands for no match.
+            self._scale = max(self._scale, 0.01 * self._comparison.span)
+        fine = subdivide_measured(ground, samples.halvings)
+        self._fine = fine
+        self._fine_normal = np.cross(fine.u, fine.v)
+        self._fine_normal[: len(ground.normal)] = ground.normal
+        topology = ground.topology if samples.halvings == 0 else Topology.of(fine.faces, len(fine.vertex))
         mesh = SurfaceMesh(
-            foot=self._unit(ground.foot),
-            u=ground.u,
-            v=ground.v,
+            foot=self._unit(fine.foot),
+            u=fine.u,
+            v=fine.v,
             offsets=topology.offsets,
             neighbors=topology.neighbors,
             face_offsets=topology.face_offsets,
             incident=topology.incident,
-            faces=ground.faces,
+            faces=fine.faces,
         )
         self._matcher = SurfaceMatcher(mesh, np.stack([np.cos(angle), np.sin(angle)], axis=1), device)
-        self._rings = ring_neighborhoods(ground, window)
+        self._rings = ring_neighborhoods(fine, topology.graph, window, ground.spacing)
         self._take(samples, ground.measured)
 
     def pick(self, targets: Array, window: Array, state: State, selection: Selection, draw: Array) -> Picks:
@@ -62,12 +92,20 @@ class SurfaceMetric:
         chosen = np.full(len(targets), -1)
         error = np.full(len(targets), np.inf)
         at_once = int(np.clip(32_000_000 // candidates, 1, 4096))
-        position = self._unit(self._ground.foot + state.height[:, None] * self._ground.normal)
+        height = self._on_fine(state.height, self._fine.height)
+        position = self._unit(self._fine.foot + height[:, None] * self._fine_normal)
+        textured = self._on_fine(state.textured, self._fine.measured)
+        color = self._colors(state)
+        if self._partners == "textured":
+            self._matcher.take_partners(textured)
         for first in range(0, len(targets), at_once):
             rows = slice(first, first + at_once)
             part = targets[rows]
-            offsets, listed, weight = self._textured_lists(part, window[rows], state.textured)
-            cost = self._matcher.costs(part, position, offsets, listed, weight, 1 + selection.tolerance if near_best else 1e30)
+            offsets, listed, weight = self._textured_lists(part, window[rows], textured)
+            cost = self._matcher.costs(
+                part, position, offsets, listed, weight, 1 + selection.tolerance if near_best else 1e30,
+                color=color, shape_weight=1 - self._comparison.color_weight,
+            )  # fmt: skip
             if near_best:
                 shortlist = np.zeros((len(part), SHORTLIST), np.int32)
                 count = np.zeros(len(part), np.int32)
@@ -90,7 +128,9 @@ class SurfaceMetric:
 
     def absorb(self, state: State) -> None:
         """See `Metric.absorb`."""
-        samples = filled_sample_set(self._ground, state.textured, state.height, state.source, state.rotation, state.color)
+        samples = with_filled(
+            self._measured_samples, self._ground, state.textured, state.height, state.source, state.rotation, state.color
+        )
         self._take(samples, state.textured)
 
     def _take(self, samples: Samples, is_sample: Array) -> None:
@@ -100,7 +140,20 @@ class SurfaceMetric:
         apart = np.linalg.norm(ground.foot[start] - samples.foot[:, None], axis=2)
         start = start[np.arange(len(start)), np.argmin(apart, axis=1)]
         self.samples = samples
-        self._matcher.take_samples(self._unit(samples.foot), samples.u, samples.v, start, is_sample)
+        partners = self._on_fine(is_sample, self._fine.measured)
+        self._matcher.take_samples(self._unit(samples.foot), samples.u, samples.v, start, partners)
+
+    def _on_fine(self, values: Array, fine: Array) -> Array:
+        """Return ``values`` (N,) of the ground's vertices, followed by those that midpoints have in ``fine`` (M,)."""
+        return np.concatenate([values, fine[len(values) :]])
+
+    def _colors(self, state: State) -> Array | None:
+        """Colours (M, 3) as displayed, scaled so that squared differences add to those of relief; None if they don't count."""
+        weight = self._comparison.color_weight
+        if weight == 0 or state.color is None or self._fine.color is None:
+            return None
+        shown = encode_srgb(self._on_fine(state.color, self._fine.color))
+        return np.asarray(shown * (np.sqrt(weight / 3) * self._comparison.span / self._scale))
 
     def _textured_lists(self, targets: Array, window: Array, textured: Array) -> tuple[Array, Array, Array]:
         """Return offsets (T + 1,), textured neighbours and weights that sum to 1 for each target."""
@@ -119,13 +172,12 @@ class SurfaceMetric:
         return (points - self._center) / self._scale
 
 
-def ring_neighborhoods(ground: Ground, window: int) -> tuple[Array, Array, Array, Array]:
-    """Return, for every target, the vertices within ``window`` edges: offsets (N + 1,), vertex, ring, Gaussian weight.
+def ring_neighborhoods(ground: FineGround, graph: csr_array, window: int, spacing: float) -> tuple[Array, Array, Array, Array]:
+    """Return, for every target, the vertices within ``window`` edges: offsets (M + 1,), vertex, ring, Gaussian weight.
 
     Neighbours are ordered ring by ring and by angle, so that each lies next to the one before it.
     """
     count = len(ground.measured)
-    graph = ground.topology.graph
     targets = np.flatnonzero(~ground.measured)
     reached = csr_array((np.ones(len(targets), np.float32), (np.arange(len(targets)), targets)), shape=(len(targets), count))
     rows, vertices, rings = [], [], []
@@ -147,7 +199,7 @@ def ring_neighborhoods(ground: Ground, window: int) -> tuple[Array, Array, Array
     order = np.lexsort([angle, ring_of, t])
     t, vertex, ring_of = t[order], vertex[order], ring_of[order]
     distance = np.linalg.norm(offset[order], axis=1)
-    sigma = (2 * window + 1) / 6.4 * ground.spacing
+    sigma = (2 * window + 1) / 6.4 * spacing
     offsets = np.zeros(count + 1, np.int64)
     np.cumsum(np.bincount(t, minlength=count), out=offsets[1:])
     return offsets, vertex, ring_of, np.exp(-0.5 * (distance / sigma) ** 2)
