@@ -24,6 +24,7 @@ HEIGHT = {
     "photometric": 3,
     "synthesis": 4,
     "relief.ground": 5,
+    "relief.coherent": 6,
     "relief.growth": 6,
     "relief": 7,
     "restoration": 7,

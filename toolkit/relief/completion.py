@@ -13,6 +13,8 @@ from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.mesh import Base, SmoothBase, Surface, border_edges
 from intaglio.randomness import checked_seed
+from intaglio.relief.assembly import Filled, assemble
+from intaglio.relief.exemplar import Exemplar, chosen_vertices
 from intaglio.relief.ground import FRAMES, Ground, GroundOptions, Holes, prepare_ground
 from intaglio.relief.growth import (
     Comparison,
@@ -29,6 +31,7 @@ from intaglio.relief.growth import (
     sample_set,
     shift_to_rim,
 )
+from intaglio.relief.regions import fill_regions
 
 # A scan whose heights differ by less than this share of the spacing has no relief.
 _NO_RELIEF = 1e-4
@@ -50,6 +53,7 @@ def complete_relief(
     spacing: float | None = None,
     extent: str | Sequence[float] | None = None,
     holes: Holes = None,
+    exemplar: Exemplar = "near",
     search: str = "auto",
     seed: int = 0,
     device: str | None = None,
@@ -57,9 +61,9 @@ def complete_relief(
 ) -> Surface:
     """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
 
-    Stage one fits the base and lays target points over the missing part at the scan's density. Stage two grows the
-    relief from the scan's border over the targets: every target takes the displacement of a measured vertex whose
-    surroundings look like what is known of its own. `prepare_relief` does stage one alone, so that stage two can be tried
+    Stage one fits the base and lays target points over the missing part at the scan's density. Stage two fills in the relief: by
+    coherent pieces of what was measured nearby, found at all scales and joined by their differences, or, where one of its options
+    is given, by Breckon & Fisher's propagation from the rim. `prepare_relief` does stage one alone, so that stage two can be tried
     with other settings, seeds or exemplars, and has all other options.
 
     Parameters
@@ -71,15 +75,15 @@ def complete_relief(
         The base, or the kind to fit. "smooth": the scan's own smoothed surface, carried on over its holes. "auto": a plane,
         cylinder or sphere where one fits, else "smooth".
     window : int, optional
-        Radius of the neighbourhoods in edges, 1 to 64; default from the relief. See `ReliefSettings` for this and the next ones.
+        Propagation: radius of the neighbourhoods in edges, 1 to 64. See `ReliefSettings` for this and the next ones.
     rotations : int, optional
-        Rotations at which every sample is tried; default from the relief.
+        1: relief is copied as it lies; more: it may be turned. Default from the relief.
     levels : int
-        Scales, 1 to 6.
+        Propagation: scales, 1 to 6.
     refine : int, optional
-        Refinement passes, 0 to 100; default 3.
+        Propagation: refinement passes, 0 to 100.
     color_weight : float, optional
-        How much colour counts beside shape, 0 to 1; default shape alone.
+        Propagation: how much colour counts beside shape, 0 to 1.
     spacing : float, optional
         Distance between targets, a length in the input's unit; default from the scan's edges.
     extent : str or sequence of float, optional
@@ -88,20 +92,24 @@ def complete_relief(
     holes : {"all", "largest", "every"}, int or sequence of int, optional
         With a smooth base: what to fill. "all": the holes that the scan encloses (default); "every": where the scan ends as
         well; numbers as `list_holes` gives them.
+    exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
+        Where relief may come from. "near": over a smooth base the surroundings of each hole, else all of the scan. A mask or
+        numbers of the scan's vertices, or a ball: its centre and radius.
     search : {"auto", "exhaustive", "approximate"}
-        Compare every sample, or look in likely places.
+        Propagation: compare every sample, or look in likely places.
     seed : int
         The same seed gives the same bits.
     device : str, optional
         "cpu", "cuda:0"; default CUDA if there is one.
     progress : callable, optional
-        Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
+        Called with (steps done, steps to do).
 
     Returns
     -------
     Surface
-        Measured vertices first, filled ones after them, with ``measured``, ``source``, ``rotation``, ``error``, the base
-        in ``model`` and in ``notes`` what was chosen.
+        Measured vertices first, filled ones after them, with ``measured``, ``source``, ``rotation``, ``error``, ``confidence``
+        (pieces), the base in ``model`` and in ``notes`` what was chosen. Over a smooth base, vertices too far from every hole to
+        matter have no base: theirs is the vertex itself.
 
     Raises
     ------
@@ -134,8 +142,9 @@ def complete_relief(
     settings = ReliefSettings(
         window=window, rotations=rotations, levels=levels, refine=refine, color_weight=color_weight, search=search
     )
-    prepared = prepare_relief(surface, base, spacing=spacing, extent=extent, holes=holes, device=device)
-    return prepared.complete(settings, seed=seed, progress=progress)
+    near = isinstance(exemplar, str) and exemplar == "near"
+    prepared = prepare_relief(surface, base, spacing=spacing, extent=extent, holes=holes, near=near, device=device)
+    return prepared.complete(settings, exemplar=exemplar, seed=seed, progress=progress)
 
 
 @checked_arguments
@@ -150,6 +159,7 @@ def prepare_relief(
     relief_scale: float | None = None,
     frames: str | None = None,
     reference: Array | None = None,
+    near: bool = True,
     device: str | None = None,
 ) -> PreparedRelief:
     """Prepare a scan for completion: fit its base, lay targets over what is missing, and set local frames.
@@ -175,6 +185,8 @@ def prepare_relief(
         vector. Default by the base: a global reference on a plane and a cylinder, the sweep elsewhere.
     reference : (3,) array, optional
         The vector for "reference"; default the cylinder's axis or the plane's chart direction.
+    near : bool
+        With a smooth base: work on the surroundings of the holes alone, which costs by the hole and not by the scan.
     device : str, optional
         "cpu", "cuda:0"; default CUDA if there is one.
 
@@ -213,7 +225,7 @@ def prepare_relief(
     if frames is not None:
         checked_choice("frames", frames, FRAMES)
     chosen_device = device_or_error(device)
-    options = GroundOptions(spacing, extent, holes, hole_size, relief_scale, frames, reference)
+    options = GroundOptions(spacing, extent, holes, hole_size, relief_scale, frames, reference, near)
     ground = prepare_ground(surface, base, options, device=chosen_device)
     _check_samples(ground)
     return PreparedRelief(surface, ground, options, chosen_device)
@@ -332,7 +344,7 @@ class PreparedRelief:
         self,
         settings: ReliefSettings | None = None,
         *,
-        exemplar: Array | None = None,
+        exemplar: Exemplar = "near",
         seed: int = 0,
         memory: float | None = None,
         progress: Progress | None = None,
@@ -343,16 +355,16 @@ class PreparedRelief:
         ----------
         settings : ReliefSettings, optional
             Default: every choice left to the relief.
-        exemplar : (V,) bool array, optional
-            The vertices of the scan whose relief may be taken; default all. Their surroundings are compared as a whole all the
-            same.
+        exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
+            The vertices of the scan whose relief may be taken; see `complete_relief`. Their surroundings are compared as a whole
+            all the same.
         seed : int
             The same seed gives the same bits.
         memory : float, optional
-            Most memory of the process, in GiB: tables are made in chunks and samples thinned to fit. Works with the
+            Most memory of the process, in GiB: propagation makes its tables in chunks and thins samples to fit, with the
             displacement metric.
         progress : callable, optional
-            Called with (vertices matched, vertices to match); refinement passes match every filled vertex again.
+            Called with (steps done, steps to do).
 
         Returns
         -------
@@ -383,8 +395,16 @@ class PreparedRelief:
         if progress is not None and not callable(progress):
             raise InputError(f"progress must be callable, not {type(progress).__name__}")
         ground = self.ground
-        comparison = compare_by(ground, settings.color_weight)
+        chosen = chosen_vertices(self.surface, exemplar)
         relief = ground.height[ground.measured]
+        flat = ()
+        if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
+            flat = ("the scan has no relief over its base: what was filled is the smooth surface",)
+        if settings.method == "pieces":
+            allowed = None if chosen is None else chosen[ground.kept]
+            filled = fill_regions(ground, allowed, settings, resources, progress)
+            return assemble(self.surface, ground, filled, filled.notes + flat)
+        comparison = compare_by(ground, settings.color_weight)
         variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
         parameters = choose_parameters(
             ground, settings.window, settings.error, settings.rotations, variance, 1 - comparison.color_weight
@@ -393,15 +413,14 @@ class PreparedRelief:
         if settings.levels > 1:
             ground, comparison, parameters, said = self._complete_coarser(settings, comparison, parameters, resources)
             notes += said
-        samples, oversampled = self._samples(ground, settings, parameters, exemplar)
+        samples, oversampled = self._samples(ground, settings, parameters, chosen)
         stage = run_stage(ground, samples, parameters, settings, comparison, resources, progress)
         notes += stage.notes
         notes += _account(ground, stage, settings, parameters, resources, oversampled)
-        if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
-            notes += ("the scan has no relief over its base: what was filled is the smooth surface",)
+        notes += flat
         if stage.growth.orphans:
             notes += (f"{stage.growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-        return _assemble(self.surface, ground, stage, notes)
+        return assemble(self.surface, ground, _grown(ground, stage), notes)
 
     def _resources(self, settings: ReliefSettings, seed: int, memory: float | None) -> Resources:
         """Return what the work may use, checked against the settings."""
@@ -452,11 +471,7 @@ class PreparedRelief:
             return samples, oversample
         if settings.bootstrap:
             raise InputError("exemplar and bootstrap exclude each other: with bootstrap every textured vertex becomes a sample")
-        chosen = np.asarray(exemplar)
-        count = len(self.surface.vertices)
-        if chosen.dtype != bool or chosen.shape != (count,):
-            raise InputError(f"exemplar must be a bool array of shape ({count},), not {chosen.dtype} {chosen.shape}")
-        keep = np.flatnonzero(chosen[ground.kept][samples.vertex])
+        keep = np.flatnonzero(exemplar[ground.kept][samples.vertex])
         if len(keep) == 0:
             raise InputError("exemplar selects no vertex of the scan that lies on the base: there is nothing to take relief from")
         return samples.part(keep), oversample
@@ -500,40 +515,14 @@ def _account(
     )
 
 
-def _assemble(scan: Surface, ground: Ground, stage: Stage, notes: tuple[str, ...]) -> Surface:
-    """Return the surface that the scan and the grown relief make together."""
+def _grown(ground: Ground, stage: Stage) -> Filled:
+    """Return what propagation filled."""
     state = stage.growth.state
-    vertices = ground.vertices.copy()
-    filled = state.textured & ~ground.measured
-    foot, model = ground.foot, ground.base
-    if isinstance(model, SmoothBase):
+    foot = ground.foot
+    if isinstance(ground.base, SmoothBase):
         foot = foot + shift_to_rim(ground, state, stage.samples)[:, None] * ground.normal
-        model = replace(model, vertices=foot)
-    vertices[filled] = foot[filled] + state.height[filled, None] * ground.normal[filled]
-    uv = None
-    if scan.uv is not None:
-        # The scan's faces come first, in their order; what was filled has no place in the texture.
-        uv = np.full((len(ground.faces), 3, 2), np.nan)
-        own = ground.kept[scan.faces].all(axis=1)
-        uv[: int(own.sum())] = scan.uv[own]
-    file_vertex = None
-    if scan.file_vertex is not None or not ground.kept.all():
-        file_vertex = np.full(len(vertices), -1)
-        numbers = np.arange(len(ground.kept)) if scan.file_vertex is None else scan.file_vertex
-        file_vertex[: int(ground.kept.sum())] = numbers[ground.kept]
-    return Surface(
-        vertices=vertices,
-        faces=ground.faces,
-        base=foot,
-        normal=ground.normal,
-        color=state.color,
-        measured=ground.measured,
-        source=state.source,
-        rotation=state.rotation,
-        error=state.error,
-        model=model,
-        notes=scan.notes + ground.notes + notes,
-        uv=uv,
-        picture=scan.picture,
-        file_vertex=file_vertex,
-    )
+    filled = state.textured & ~ground.measured
+    vertices = np.where(filled[:, None], foot + state.height[:, None] * ground.normal, ground.vertices)
+    base = replace(ground.base, vertices=foot) if isinstance(ground.base, SmoothBase) else ground.base
+    ground = replace(ground, foot=foot, base=base)
+    return Filled(ground, vertices, state.source, state.rotation, state.error, None, state.color, ())

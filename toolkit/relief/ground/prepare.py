@@ -10,16 +10,18 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.checks import checked_positive
 from intaglio.errors import InputError
-from intaglio.mesh import Base, Surface, Topology, face_the_scan
+from intaglio.mesh import Base, SmoothBase, Surface, Topology, face_the_scan, pieces
 from intaglio.relief.ground.extent import Extent, region_to_complete, sampling_distance
 from intaglio.relief.ground.filling import fill_smoothly
 from intaglio.relief.ground.frames import local_frames
-from intaglio.relief.ground.holes import Holes, choose_holes, find_holes
+from intaglio.relief.ground.holes import Hole, Holes, choose_holes, find_holes
 from intaglio.relief.ground.scan import check_joined, check_scan, choose_base, pieces_on_base
 from intaglio.relief.ground.triangulation import fill_base
 
 # Default of the relief scale, in spacings.
 _RELIEF_SCALE = 12
+# The surroundings of a hole reach so many of its radii, and so many spacings, from its middle.
+_NEAR, _MARGIN = 3.5, 16.0
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class GroundOptions:
         "algebraic", "sweep" or "reference"; see `local_frames`.
     reference : (3,) array, optional
         The vector for "reference".
+    near : bool
+        With a smooth base: work on the surroundings of the holes alone, some three of their radii wide, not on the whole scan.
     """
 
     spacing: float | None = None
@@ -49,6 +53,7 @@ class GroundOptions:
     relief_scale: float | None = None
     frames: str | None = None
     reference: Array | None = None
+    near: bool = True
 
     def asks_for_holes(self) -> str:
         """Return the name of an option that goes with a smooth base alone, or nothing."""
@@ -88,6 +93,10 @@ class Ground:
         What was chosen, for the user.
     kept : (V,) bool array
         Which of the scan's V vertices are in it; they come first, in their order.
+    taken : (V,) bool array
+        Which of them belong to what is completed: those in ``kept``, and those too far from a hole to matter.
+    filling : int
+        How many of the faces, the last ones, were laid.
     """
 
     base: Base
@@ -104,11 +113,43 @@ class Ground:
     topology: Topology
     notes: tuple[str, ...]
     kept: Array
+    taken: Array
+    filling: int
 
     @property
     def height(self) -> Array:
         """Signed displacement (N,) along the base normal; 0 at targets."""
         return np.einsum("ij,ij->i", self.vertices - self.foot, self.normal)
+
+    def around(self, targets: Array) -> tuple[Ground, Array]:
+        """Return the part of the ground around some targets, and which vertices (N,) it holds.
+
+        Other targets are left out.
+
+        Parameters
+        ----------
+        targets : (T,) int array
+            All targets of a hole, or of several.
+        """
+        own = np.zeros(len(self.measured), bool)
+        own[targets] = True
+        near = _surroundings(self.vertices, self.faces, self.vertices[targets], self.spacing) & self.measured
+        keep = near | own
+        number = np.cumsum(keep) - 1
+        faces = self.faces[keep[self.faces].all(axis=1)]
+        # What hangs on the rest by a vertex alone would be a piece of its own.
+        label = pieces(number[faces], int(keep.sum()))[1]
+        joined = np.isin(label, label[number[targets]])
+        keep[np.flatnonzero(keep)[~joined]] = False
+        number = np.cumsum(keep) - 1
+        faces = number[self.faces[keep[self.faces].all(axis=1)]].astype(np.int32)
+        base = self.base
+        if isinstance(base, SmoothBase):
+            base = replace(base, vertices=self.foot[keep], faces=faces, normals=self.normal[keep])
+        fields = {name: getattr(self, name)[keep] for name in ("vertices", "foot", "normal", "measured", "u", "v")}
+        color = None if self.color is None else self.color[keep]
+        topology = Topology.of(faces, int(keep.sum()))
+        return replace(self, **fields, base=base, faces=faces, color=color, topology=topology), keep
 
 
 def prepare_ground(
@@ -183,15 +224,22 @@ def prepare_ground(
         Topology.of(laid.faces, count),
         tuple(notes),
         laid.kept,
+        laid.taken,
+        laid.filling,
     )
 
 
 @dataclass(frozen=True)
 class _Laid:
-    """Scan and targets over their base: ``kept`` (of the scan's vertices), foot, normal and faces of both together."""
+    """Scan and targets over their base: ``kept`` (of the scan's vertices), foot, normal and faces of both together.
+
+    ``taken`` and ``filling`` are those of `Ground`.
+    """
 
     base: Base
     kept: Array
+    taken: Array
+    filling: int
     foot: Array
     normal: Array
     faces: Array
@@ -227,6 +275,8 @@ def _over_base(base: Base, vertices: Array, faces: Array, spacing: float | None,
     return _Laid(
         base,
         kept,
+        kept,
+        len(filling.faces),
         np.concatenate([foot, target_foot]),
         np.concatenate([normal, target_normal]),
         np.concatenate([faces, filling.faces]).astype(np.int32),
@@ -238,10 +288,10 @@ def _over_base(base: Base, vertices: Array, faces: Array, spacing: float | None,
 
 def _over_scan(vertices: Array, faces: Array, options: GroundOptions, device: str, notes: list[str]) -> _Laid:
     """Fill holes of the scan smoothly, and smooth the scan itself."""
-    kept, faces, note = pieces_on_base(None, vertices, faces)
+    taken, faces, note = pieces_on_base(None, vertices, faces)
     if note:
         notes.append(note)
-    vertices = vertices[kept]
+    kept, vertices = taken, vertices[taken]
     spacing, note = _spacing(options.spacing, vertices, faces, middle=True)
     notes.append(note)
     every = find_holes(vertices, faces)
@@ -262,11 +312,23 @@ def _over_scan(vertices: Array, faces: Array, options: GroundOptions, device: st
                 f"relief_scale {relief_scale:.3g} must lie between the spacing, {spacing:.3g}, and the scan's size, {size:.3g}"
             )
         notes.append(f"relief scale {relief_scale:.6g}: as given")
+    if options.near:
+        near = np.zeros(len(vertices), bool)
+        for hole in chosen:
+            near |= _surroundings(vertices, faces, vertices[hole.loop], spacing)
+        if near.sum() < len(near):
+            notes.append(f"{near.sum()} of {len(near)} vertices lie near a hole: relief comes from these")
+            kept = taken.copy()
+            kept[taken] = near
+            chosen, every = ([_renumbered(hole, near) for hole in holes if near[hole.loop].all()] for holes in (chosen, every))
+            vertices, faces = vertices[near], (np.cumsum(near) - 1)[faces[near[faces].all(axis=1)]].astype(np.int32)
     filling = fill_smoothly(vertices, faces, chosen, every, spacing, relief_scale, device)
     notes += filling.notes
     return _Laid(
         filling.base,
         kept,
+        taken,
+        len(filling.faces),
         filling.foot,
         filling.normal,
         np.concatenate([faces, filling.faces]).astype(np.int32),
@@ -286,3 +348,18 @@ def _spacing(spacing: float | None, foot: Array, faces: Array, middle: bool = Fa
         wanted = "smaller" if spacing > size else "larger"
         raise InputError(f"spacing {spacing:.3g} does not go with a scan {size:.3g} across; give a {wanted} spacing")
     return spacing, f"spacing {spacing:.6g}: as given"
+
+
+def _surroundings(vertices: Array, faces: Array, rim: Array, spacing: float) -> Array:
+    """Return which vertices (N,) lie around a hole whose rim or targets are at ``rim`` (K, 3)."""
+    center = 0.5 * (rim.min(axis=0) + rim.max(axis=0))
+    radius = float(np.linalg.norm(rim - center, axis=1).max())
+    near = np.linalg.norm(vertices - center, axis=1) <= _NEAR * radius + _MARGIN * spacing
+    # Vertices that no face of the part uses would belong to nothing.
+    used = np.zeros(len(vertices), bool)
+    used[faces[near[faces].all(axis=1)]] = True
+    return near & used
+
+
+def _renumbered(hole: Hole, near: Array) -> Hole:
+    return replace(hole, loop=(np.cumsum(near) - 1)[hole.loop].astype(np.int32))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields
 
 from intaglio.checks import check_fields, checked_choice, checked_count, checked_number, checked_positive, shown
 from intaglio.errors import InputError
@@ -12,10 +12,12 @@ METRICS = ("displacement", "surface")
 ORDERS = ("wave", "sequential")
 SEARCHES = ("auto", "exhaustive", "approximate")
 ENGINES = ("auto", "blas", "warp")
+METHODS = ("pieces", "propagation")
 PARTNERS = ("measured", "textured")
 
 _MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES, _MOST_HALVINGS = 64, 720, 6, 100, 4
-_PASSES = 3
+# Options that both methods have.
+_SHARED = ("rotations", "method", "mirror")
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,9 @@ class ReliefSettings:
         Scales, 1 to 6: relief is completed coarse to fine. Each level's targets lie half as far apart as those of the one
         before it, and are compared in the coarser relief as well.
     refine : int, optional
-        Passes, 0 to 100, that match the filled part again as a whole, vote, and copy; they remove what growth got wrong. Default
-        3; 0 with ``interpolate``, and with the metric "surface", ``bootstrap`` and textured ``partners``, which allow none.
+        Passes, 0 to 100, that match the filled part again as a whole, vote, copy, and draw the heights towards the measured
+        distribution. Default 0: against the truth of a hole they do more harm than good. The metric "surface", ``bootstrap`` and
+        textured ``partners`` allow none.
     color_weight : float, optional
         1 - mu of 3DIM 2005, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
         then the combined measure times the squared largest difference of measured displacements. Default: shape alone
@@ -119,6 +122,12 @@ class ReliefSettings:
         relief without a direction.
     engine : {"auto", "blas", "warp"}
         How the displacement metric's costs are computed; with the rule "near-best" the choices are the same.
+    method : {"pieces", "propagation"}, optional
+        "pieces": coherent pieces of the scan, found at all scales at once and joined by their differences. "propagation": Breckon &
+        Fisher's, vertex by vertex from the rim. Default "pieces", and "propagation" where one of its own options is given: all but
+        ``rotations`` and ``mirror``.
+    mirror : bool
+        Pieces may be mirror images as well.
 
     Raises
     ------
@@ -132,9 +141,11 @@ class ReliefSettings:
     Examples
     --------
     >>> import intaglio
+    >>> intaglio.ReliefSettings().method
+    'pieces'
     >>> settings = intaglio.ReliefSettings(window=7, refine=3)
-    >>> settings.window, settings.levels, settings.selection.rule
-    (7, 1, 'near-best')
+    >>> settings.method, settings.window, settings.levels, settings.selection.rule
+    ('propagation', 7, 1, 'near-best')
     """
 
     window: int | None = None
@@ -154,9 +165,12 @@ class ReliefSettings:
     interpolate: bool = False
     along_relief: bool = False
     engine: str = "auto"
+    method: str | None = None
+    mirror: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self)
+        self._choose_method()
 
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
@@ -168,9 +182,8 @@ class ReliefSettings:
         if self.error is not None:
             put("error", checked_positive("error", self.error))
         put("levels", checked_count("levels", self.levels, 1, _MOST_LEVELS))
-        growth_alone = self.metric == "surface" or self.bootstrap or self.partners == "textured" or self.interpolate
-        allowed = 0 if growth_alone else _PASSES
-        put("refine", checked_count("refine", allowed if self.refine is None else self.refine, 0, _MOST_PASSES))
+        if self.refine is not None:
+            put("refine", checked_count("refine", self.refine, 0, _MOST_PASSES))
         if self.color_weight is not None:
             put("color_weight", _color_share(self.color_weight))
         if self.oversample is not None:
@@ -194,6 +207,19 @@ class ReliefSettings:
         """
         return self.bootstrap or self.partners == "textured" or self.selection.rule == "best-percent"
 
+    def _choose_method(self) -> None:
+        """Decide the method by the options that were given, and raise `InputError` for one that the other method has."""
+        given = [f.name for f in fields(self) if f.name not in _SHARED and getattr(self, f.name) != _default(f)]
+        method = self.method
+        if method is None:
+            method = "propagation" if given else "pieces"
+        checked_choice("method", method, METHODS)
+        if method == "pieces" and given:
+            raise InputError(f"{given[0]} goes with method='propagation'; leave it out or change the method")
+        if method == "propagation" and self.mirror:
+            raise InputError("mirror goes with method='pieces'; leave it out or change the method")
+        object.__setattr__(self, "method", method)
+
     def _check_together(self) -> None:
         """Raise `InputError` where two settings exclude each other."""
         if self.metric == "surface":
@@ -215,6 +241,10 @@ class ReliefSettings:
             raise InputError(f"{other} compares every sample: leave search at 'auto' or 'exhaustive'")
         if self.along_relief and self.levels == 1:
             raise InputError("along_relief turns frames by the coarser relief: give levels=2 or more")
+
+
+def _default(field: Field[object]) -> object:
+    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 def _color_share(value: float) -> float:
