@@ -29,6 +29,7 @@ from intaglio.relief.growth import (
     sample_set,
     shift_to_rim,
 )
+from intaglio.relief.texturing import texture_filling
 
 # A scan whose heights differ by less than this share of the spacing has no relief.
 _NO_RELIEF = 1e-4
@@ -401,7 +402,8 @@ class PreparedRelief:
             notes += ("the scan has no relief over its base: what was filled is the smooth surface",)
         if stage.growth.orphans:
             notes += (f"{stage.growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-        return _assemble(self.surface, ground, stage, notes)
+        whole = _assemble(self.surface, ground, stage, notes)
+        return texture_filling(self.surface, whole, ground.kept, ground.u, ground.v, device=self.device)
 
     def _resources(self, settings: ReliefSettings, seed: int, memory: float | None) -> Resources:
         """Return what the work may use, checked against the settings."""
@@ -510,12 +512,6 @@ def _assemble(scan: Surface, ground: Ground, stage: Stage, notes: tuple[str, ...
         foot = foot + shift_to_rim(ground, state, stage.samples)[:, None] * ground.normal
         model = replace(model, vertices=foot)
     vertices[filled] = foot[filled] + state.height[filled, None] * ground.normal[filled]
-    uv = None
-    if scan.uv is not None:
-        # The scan's faces come first, in their order; what was filled has no place in the texture.
-        uv = np.full((len(ground.faces), 3, 2), np.nan)
-        own = ground.kept[scan.faces].all(axis=1)
-        uv[: int(own.sum())] = scan.uv[own]
     file_vertex = None
     if scan.file_vertex is not None or not ground.kept.all():
         file_vertex = np.full(len(vertices), -1)
@@ -533,7 +529,5 @@ def _assemble(scan: Surface, ground: Ground, stage: Stage, notes: tuple[str, ...
         error=state.error,
         model=model,
         notes=scan.notes + ground.notes + notes,
-        uv=uv,
-        picture=scan.picture,
         file_vertex=file_vertex,
     )
