@@ -49,11 +49,12 @@ def unique_edges(faces: Array) -> Array:
     """Return each undirected edge once, (E, 2), the smaller index first, in ascending order."""
     if len(faces) == 0:
         return np.zeros((0, 2), np.int32)
-    edges = np.sort(directed_edges(faces), axis=1)
-    count = int(edges[:, 1].max()) + 1
-    # Numbers sort several times faster than pairs.
-    keys = np.unique(edge_keys(edges, count))
-    return np.stack(np.divmod(keys, count), axis=1).astype(edges.dtype)
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    count = int(faces.max()) + 1
+    # Sorting numbers is several times faster than sorting pairs, and than finding unique ones by hashing.
+    keys = np.sort(np.minimum(start, end).astype(np.int64) * count + np.maximum(start, end))
+    keys = keys[np.concatenate([[True], keys[1:] != keys[:-1]])]
+    return np.stack(np.divmod(keys, count), axis=1).astype(faces.dtype)
 
 
 def border_edges(faces: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.mesh import Surface
 from intaglio.relief.ground import Ground
+from intaglio.relief.texturing import texture_filling
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Filled:
     notes: tuple[str, ...]
 
 
-def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ...]) -> Surface:
+def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ...], device: str) -> Surface:
     """Return the surface that the scan and its filling make together.
 
     The scan's vertices come first, in their order, then the filled ones; so do the faces. Where the ground holds a part of the scan
@@ -52,6 +53,7 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     filled : Filled
         Its ground may have another base.
     notes : tuple of str
+    device : str
     """
     taken, own = ground.taken, filled.ground
     kept, scanned = int(taken.sum()), int(ground.measured.sum())
@@ -72,30 +74,25 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     source = np.arange(count)
     source[at] = np.where(filled.source >= 0, at[filled.source], -1)
     zeros = np.zeros(kept, np.float32)
-    uv = None
-    if scan.uv is not None:
-        # What was filled has no place in the scan's texture.
-        uv = np.full((len(faces), 3, 2), np.nan)
-        uv[: int(scan_faces.sum())] = scan.uv[scan_faces]
     file_vertex = None
     if scan.file_vertex is not None or not taken.all():
         numbers = np.arange(len(taken)) if scan.file_vertex is None else scan.file_vertex
         file_vertex = np.concatenate([numbers[taken], np.full(targets, -1)])
-    return Surface(
+    whole = Surface(
         vertices=vertices,
         faces=faces,
         base=spread(scan.vertices[taken], own.foot),
         normal=spread(scan.normal[taken], own.normal),
         color=None if scan.color is None or filled.color is None else spread(scan.color[taken], filled.color),
         measured=np.arange(count) < kept,
-        source=source,
+        source=source.astype(np.int32),
         rotation=spread(zeros, filled.rotation),
         error=spread(zeros, filled.error),
         confidence=None if filled.confidence is None else spread(np.ones(kept, np.float32), filled.confidence),
         measured_face=np.arange(len(faces)) < int(scan_faces.sum()),
         model=own.base,
         notes=scan.notes + ground.notes + notes,
-        uv=uv,
-        picture=scan.picture,
         file_vertex=file_vertex,
     )
+    u, v = (spread(np.zeros((kept, 3)), axis) for axis in (own.u, own.v))
+    return texture_filling(scan, whole, taken, u, v, device=device)

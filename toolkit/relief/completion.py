@@ -403,7 +403,7 @@ class PreparedRelief:
         if settings.method == "pieces":
             allowed = None if chosen is None else chosen[ground.kept]
             filled = fill_regions(ground, allowed, settings, resources, progress)
-            return assemble(self.surface, ground, filled, filled.notes + flat)
+            return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
         comparison = compare_by(ground, settings.color_weight)
         variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
         parameters = choose_parameters(
@@ -420,7 +420,7 @@ class PreparedRelief:
         notes += flat
         if stage.growth.orphans:
             notes += (f"{stage.growth.orphans} targets had no sample to compare with and carry a neighbour's relief",)
-        return assemble(self.surface, ground, _grown(ground, stage), notes)
+        return assemble(self.surface, ground, _grown(ground, stage), notes, self.device)
 
     def _resources(self, settings: ReliefSettings, seed: int, memory: float | None) -> Resources:
         """Return what the work may use, checked against the settings."""
