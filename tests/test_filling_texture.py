@@ -291,3 +291,23 @@ def test_a_real_scan(real):
     # No texel is of another colour than skin.
     assert found.min() > 0.2
     assert found[:, 0].min() > found[:, 2].min()
+
+
+def test_relief_from_where_there_is_no_texture_is_said():
+    """Half of many scans is textured: what was filled may be from the other half."""
+    given = scan(striped())
+    bare = given.uv.copy()
+    bare[given.vertices[given.faces][:, :, 0].mean(axis=1) > 10] = np.nan
+    whole = by_hand(replace(given, uv=bare), lambda at: at + (10, 0), 0.0)
+    assert not whole.more_pictures
+    np.testing.assert_array_equal(whole.uv[: len(given.faces)], bare)
+    assert any("parts of the scan that have no place in its picture" in note for note in whole.notes)
+
+
+def test_a_filling_that_would_need_too_many_texels_has_fewer(monkeypatch):
+    monkeypatch.setattr("intaglio.relief.texturing._LEAST_SIDE", 16)
+    given = scan(png(np.full((32, 32, 3), 90, np.uint8)))
+    monkeypatch.setattr("intaglio.relief.texturing._Textured.density", lambda _: 100.0)
+    whole = intaglio.complete_relief(given, "plane", extent="holes", window=3, rotations=1)
+    assert max(samples_of(whole.pictures[-1]).shape[:2]) <= 32
+    assert any("where the scan has 100" in note for note in whole.notes)

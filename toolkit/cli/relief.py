@@ -89,7 +89,8 @@ def complete(
 
     On a plane, cylinder or sphere all of it is completed; the holes of any other scan are filled over its own smoothed surface.
     Measured vertices come out as they are (in PLY bit for bit). What was made up is marked in the PLY's vertex
-    properties measured, source, rotation and error.
+    properties measured, source, rotation and error, and its faces' measured. A textured scan keeps its texture; what was filled
+    gets one of its own.
     """
     check_readable(scan)
     if options["holes"] == "list":

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from intaglio.arrays import Array
 from intaglio.errors import InputError, IntaglioError
-from intaglio.files import write_samples
+from intaglio.files import check_memory, write_samples
 from intaglio.kernels.geodesics import nearest_on_mesh
 from intaglio.kernels.pull_push import continue_image
 from intaglio.kernels.texels import rasterize
@@ -41,6 +41,8 @@ _POINTS, _AVERAGED = 8, 2
 _SAMPLES = np.array([(a, b, 6 - a - b) for a in range(1, 5) for b in range(1, 6 - a)]) / 6.0
 # Over so many edges a piece's own tone comes back.
 _REACH = 10.0
+# The filling's picture has no more rows or columns than the scan's own, or than this; a texel takes so many bytes on the way.
+_LEAST_SIDE, _BYTES = 2048, 60
 # So many texels are computed at once.
 _CHUNK = 1 << 20
 
@@ -175,19 +177,27 @@ class _Textured:
         """Return the median of the faces' texels per length on the base."""
         size = np.array([image.shape[1::-1] for image in self.images], np.float64)[self.shown]
         a, b = (self.uv[:, k] * size - self.uv[:, 0] * size for k in (1, 2))
-        p, q = (self.base[self.faces[:, k]] - self.base[self.faces[:, 0]] for k in (1, 2))
-        area = np.linalg.norm(np.cross(p, q), axis=1)
+        area = self._areas()
         texels = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
         sound = (area > 0) & (texels > 0)
         if not sound.any():
             raise InputError("the scan's faces have no area in its picture")
         return float(np.sqrt(np.median(texels[sound] / area[sound])))
 
+    def _areas(self) -> Array:
+        """Return twice the faces' areas on the base."""
+        p, q = (self.base[self.faces[:, k]] - self.base[self.faces[:, 0]] for k in (1, 2))
+        return np.asarray(np.linalg.norm(np.cross(p, q), axis=1))
+
     def look_only_around(self, places: Array, reach: float) -> None:
         """Take nearest points only of faces with a corner within ``reach`` of one of the places (M, 3)."""
         vertex, corner = np.unique(self.faces, return_inverse=True)
         far, _ = cKDTree(places).query(self.base[vertex], distance_upper_bound=reach)
-        self.near = np.flatnonzero(np.isfinite(far)[corner.reshape(-1, 3)].any(axis=1))
+        near = np.isfinite(far)[corner.reshape(-1, 3)].any(axis=1)
+        # Of a triangle that the base made a line no place can be told.
+        self.near = np.flatnonzero(near & (self._areas() > 0))
+        if len(self.near) == 0:
+            raise InputError("what was filled is from parts of the scan that have no place in its picture")
 
     def nearest(self, at: Array, device: str) -> Array:
         """Return the linear colours (K, 3) of the points of the scan that are nearest to points (K, 3) over its base."""
@@ -248,7 +258,9 @@ class _Filling:
         """Return the whole with charts for what was filled and their picture."""
         wanted = self.scan.density()
         points = self.whole.base
-        uv, corners, _, (height, width) = atlas_at_density(points, self.faces, wanted)
+        most = max(_LEAST_SIDE, *(max(image.shape[:2]) for image in self.scan.images))
+        uv, corners, _, (height, width) = atlas_at_density(points, self.faces, wanted, most=most)
+        check_memory("its picture", _BYTES * height * width, "its texels")
         levels, reached = self._picture(uv, corners, height, width)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "filling.png")
