@@ -1,9 +1,9 @@
 """Correspondence fields on a triangulated surface: for every target a measured place, an angle, and whether it is mirrored.
 
-A place is a vertex and an offset in its tangent frame, at most about half an edge long. A map A = R(angle) M turns tangent vectors
-of the target's frame into the source's frame; M mirrors the second axis or is the identity. Vertices are joined by steps: for every
-directed edge the neighbour's position in the vertex's own frame and the angle of the neighbour's frame there. All walking is done on
-these tables, so that carrying a place over an edge costs a few look-ups.
+A place is a vertex and an offset in its tangent frame, at most about half an edge long. A map A = R(angle) M turns tangent
+vectors of the target's frame into the source's frame; M mirrors the second axis or is the identity. Vertices are joined by steps:
+for every directed edge the neighbour's position in the vertex's own frame and the angle of the neighbour's frame there. All
+walking is done on these tables, so that carrying a place over an edge costs a few look-ups.
 
 After Barnes et al. 2009 (PatchMatch), on a surface.
 """
@@ -33,15 +33,15 @@ _SAME = wp.constant(1.05)
 _KNOWN_SHARE = wp.constant(0.5)
 _RELIABLE = wp.constant(0.05)
 
-_neighbor_places = wp.types.vector(length=12, dtype=wp.int32)
+_NeighborPlaces = wp.types.vector(length=12, dtype=wp.int32)
 
 
 def patch_grid() -> tuple[np.ndarray, np.ndarray]:
     """Return the weights (G,) of a patch's grid points, which sum to 1, and their rotated numbers (2 R, G).
 
-    Point 0 is the centre, then ring by ring. ``turns[q, k]`` is the source's grid point that the target's point k falls on when the
-    patch is turned by ``2 pi q / R``, and ``turns[R + q, k]`` the one where it is mirrored first. Rings of fewer than R points are
-    turned by whole points.
+    Point 0 is the centre, then ring by ring. ``turns[q, k]`` is the source's grid point that the target's point k falls on when
+    the patch is turned by ``2 pi q / R``, and ``turns[R + q, k]`` the one where it is mirrored first. Rings of fewer than R
+    points are turned by whole points.
     """
     ring = np.repeat(np.arange(len(_RING_POINTS) + 1), [1, *_RING_POINTS])
     area = np.concatenate([[np.pi / 4], *(np.full(n, 2 * np.pi * j / n) for j, n in enumerate(_RING_POINTS, 1))])
@@ -110,9 +110,10 @@ def empty_field(count: int, device: str) -> Field:
 class Terms:
     """What counts how much in a match's cost.
 
-    ``w_height`` and ``w_slope`` scale the squared differences; ``missing`` is what a grid point costs that the source doesn't know;
-    ``coherence`` what it costs if no neighbour implies the same place; ``locality`` what a distance of ``reach`` (spacings) or more
-    costs; ``likeness`` and ``direction`` scale squared differences of descriptors, ``use`` how often a source is taken already.
+    ``w_height`` and ``w_slope`` scale the squared differences; ``missing`` is what a grid point costs that the source doesn't
+    know; ``coherence`` what it costs if no neighbour implies the same place; ``locality`` what a distance of ``reach`` (spacings)
+    or more costs; ``likeness`` and ``direction`` scale squared differences of descriptors, ``use`` how often a source is taken
+    already.
     """
 
     w_height: float
@@ -124,6 +125,36 @@ class Terms:
     likeness: float
     use: float
     direction: float
+
+
+@wp.struct
+class Patches:
+    """What targets and sources look like: the patches of both, and what is said of their surroundings.
+
+    Row ``row[i]`` of ``values`` is the patch of vertex i, or of one nearby, in whose frame that of i stands at ``row_turn[i]``.
+    ``weight`` and ``turns`` are those of `patch_grid`; ``likeness``, ``direction`` and ``used`` are descriptors of all vertices.
+    """
+
+    values: wp.array2d[wp.vec4]
+    row: wp.array[wp.int32]
+    row_turn: wp.array[wp.float32]
+    turns: wp.array2d[wp.int32]
+    weight: wp.array[wp.float32]
+    likeness: wp.array[wp.vec3]
+    direction: wp.array[wp.vec2]
+    used: wp.array[wp.float32]
+
+
+@wp.struct
+class Reach:
+    """Where a sweep looks: angles and mirror images or not, how far at random and at other targets, or at neighbours alone."""
+
+    turning: float
+    mirrored: int
+    span: float
+    stride: float
+    halvings: int
+    explore: int
 
 
 @wp.func
@@ -145,7 +176,7 @@ def mapped(angle: float, mirror: int, w: wp.vec2) -> wp.vec2:
 
 @wp.func
 def walk(steps: Steps, first: int, way: wp.vec2):
-    """Walk from vertex ``first`` by ``way`` in its frame; return the nearest vertex, the rest in its frame, and its frame's angle."""
+    """Walk from vertex ``first`` by ``way`` in its frame: the nearest vertex, the rest in its frame, its frame's angle."""
     at = int(first)
     rest = way
     turn = float(0.0)
@@ -169,19 +200,11 @@ def walk(steps: Steps, first: int, way: wp.vec2):
 
 
 @wp.func
-def patch_difference(
-    target: wp.array2d[wp.vec4],
-    i: int,
-    source: wp.array2d[wp.vec4],
-    p: int,
-    turns: wp.array2d[wp.int32],
-    weight: wp.array[wp.float32],
-    angle: float,
-    mirror: int,
-    terms: Terms,
-) -> float:
-    """Weighted mean of w_h (T - S - mean)^2 + w_s |grad T - grad S|^2 over the grid points that the target knows."""
-    q = int(wp.round(angle * float(_TURNS) / 6.283185307179586)) % _TURNS
+def patch_difference(patches: Patches, i: int, p: int, angle: float, mirror: int, terms: Terms) -> float:
+    """Weighted mean of w_h (T - S - mean)^2 + w_s |grad T - grad S|^2 over the grid points that target i knows, for source p."""
+    target_row = patches.row[i]
+    source_row = patches.row[p]
+    q = int(wp.round((angle + patches.row_turn[p]) * float(_TURNS) / 6.283185307179586)) % _TURNS
     if q < 0:
         q = q + _TURNS
     flip = float(1.0)
@@ -193,11 +216,11 @@ def patch_difference(
     first = float(0.0)
     second = float(0.0)
     slopes = float(0.0)
-    for k in range(weight.shape[0]):
-        a = target[i, k]
-        g = weight[k] * a[3]
+    for k in range(patches.weight.shape[0]):
+        a = patches.values[target_row, k]
+        g = patches.weight[k] * a[3]
         if g > 0.0:
-            b = source[p, turns[q, k]]
+            b = patches.values[source_row, patches.turns[q, k]]
             if b[3] > 0.0:
                 d = a[0] - b[0]
                 both = both + g
@@ -222,60 +245,28 @@ def patch_difference(
 
 
 @wp.func
-def match_cost(
-    target: wp.array2d[wp.vec4],
-    row: wp.array[wp.int32],
-    row_turn: wp.array[wp.float32],
-    i: int,
-    source: wp.array2d[wp.vec4],
-    p: int,
-    angle: float,
-    mirror: int,
-    turns: wp.array2d[wp.int32],
-    weight: wp.array[wp.float32],
-    likeness: wp.array[wp.vec3],
-    direction: wp.array[wp.vec2],
-    used: wp.array[wp.float32],
-    foot: wp.array[wp.vec3],
-    terms: Terms,
-) -> float:
-    """Return the cost of giving target i the source p, without coherence: patches, likeness, direction, distance, use.
-
-    Row ``row[p]`` of the patches may be that of a vertex nearby, in whose frame that of p stands at ``row_turn[p]``.
-    """
-    cost = patch_difference(target, row[i], source, row[p], turns, weight, angle + row_turn[p], mirror, terms)
-    cost = cost + terms.likeness * wp.length_sq(likeness[i] - likeness[p])
+def match_cost(patches: Patches, foot: wp.array[wp.vec3], i: int, p: int, angle: float, mirror: int, terms: Terms) -> float:
+    """Return the cost of giving target i the source p, without coherence: patches, likeness, direction, distance, use."""
+    cost = patch_difference(patches, i, p, angle, mirror, terms)
+    cost = cost + terms.likeness * wp.length_sq(patches.likeness[i] - patches.likeness[p])
     # Directions are double angles; a mirror turns them round.
-    d = mapped(2.0 * angle, mirror, direction[i]) - direction[p]
+    d = mapped(2.0 * angle, mirror, patches.direction[i]) - patches.direction[p]
     cost = cost + terms.direction * wp.length_sq(d)
     cost = cost + terms.locality * wp.min(wp.length(foot[i] - foot[p]) / terms.reach, 1.0)
-    return cost + terms.use * used[p]
+    return cost + terms.use * patches.used[p]
 
 
 @wp.kernel
 def sweep_kernel(
     start: int,
     targets: wp.array[wp.int32],
-    row: wp.array[wp.int32],
-    row_turn: wp.array[wp.float32],
     active: wp.array[wp.uint8],
     allowed: wp.array[wp.uint8],
     sources: wp.array[wp.int32],
     steps: Steps,
-    target: wp.array2d[wp.vec4],
-    source: wp.array2d[wp.vec4],
-    turns: wp.array2d[wp.int32],
-    weight: wp.array[wp.float32],
-    likeness: wp.array[wp.vec3],
-    direction: wp.array[wp.vec2],
-    used: wp.array[wp.float32],
+    patches: Patches,
     terms: Terms,
-    free_angle: float,
-    mirrored: int,
-    span: float,
-    stride: float,
-    halvings: int,
-    explore: int,
+    reach: Reach,
     seed: int,
     before: Field,
     # output
@@ -283,8 +274,8 @@ def sweep_kernel(
 ):
     """One sweep of PatchMatch: some targets look at what their neighbours' places imply for them, at far targets', and at random.
 
-    Reads the field of the last sweep alone, so that results don't depend on the order of work. Where ``explore`` is 0, neighbours
-    alone are asked.
+    Reads the field of the last sweep alone, so that results don't depend on the order of work. Where ``reach.explore`` is 0,
+    neighbours alone are asked.
     """
     index = start + wp.tid()
     i = targets[index]
@@ -295,7 +286,7 @@ def sweep_kernel(
     state = wp.rand_init(seed, index)
     if wp.randf(state) < 0.6 or place < 0:
         # What neighbours imply, for candidates and for coherence.
-        implied = _neighbor_places()
+        implied = _NeighborPlaces()
         number = int(0)
         for e in range(steps.offsets[i], steps.offsets[i + 1]):
             j = steps.neighbors[e]
@@ -312,8 +303,8 @@ def sweep_kernel(
         best_angle = angle
         best_mirror = mirror
         candidates = number + 1
-        if explore != 0:
-            candidates = number + 4 + halvings
+        if reach.explore != 0:
+            candidates = number + 4 + reach.halvings
         last_e = steps.offsets[i]
         for c in range(candidates):
             p = int(-1)
@@ -349,7 +340,7 @@ def sweep_kernel(
                         way = before.angle[j] + turn - turned
             elif c <= number + 2:
                 # A target some way off: its map, carried back to here.
-                out = rotated(6.2831853 * wp.randf(state), wp.vec2(stride * (1.0 + float(c - number)), 0.0))
+                out = rotated(6.2831853 * wp.randf(state), wp.vec2(reach.stride * (1.0 + float(c - number)), 0.0))
                 j, over, turn = walk(steps, i, out)
                 if active[j] != 0 and before.place[j] >= 0:
                     flip = before.mirror[j]
@@ -363,18 +354,18 @@ def sweep_kernel(
                             way = before.angle[j] + turn - turned
             elif c == number + 3:
                 p = sources[int(wp.randf(state) * float(sources.shape[0])) % sources.shape[0]]
-                way = free_angle * 6.2831853 * wp.randf(state)
-                if mirrored != 0 and wp.randf(state) < 0.5:
+                way = reach.turning * 6.2831853 * wp.randf(state)
+                if reach.mirrored != 0 and wp.randf(state) < 0.5:
                     flip = int(1)
             elif best_place >= 0:
-                reach = span * wp.pow(0.5, float(c - number - 4))
-                out = rotated(6.2831853 * wp.randf(state), wp.vec2(reach * wp.sqrt(wp.randf(state)), 0.0))
+                far = reach.span * wp.pow(0.5, float(c - number - 4))
+                out = rotated(6.2831853 * wp.randf(state), wp.vec2(far * wp.sqrt(wp.randf(state)), 0.0))
                 q, over, turned = walk(steps, best_place, best_offset + out)
                 flip = best_mirror
                 if wp.length(over) < _STRAY:
                     p = q
                     rest = over
-                    way = best_angle - turned + free_angle * 0.5 * (wp.randf(state) - 0.5)
+                    way = best_angle - turned + reach.turning * 0.5 * (wp.randf(state) - 0.5)
             if p >= 0:
                 if allowed[p] != 0:
                     agree = float(0.0)
@@ -382,9 +373,7 @@ def sweep_kernel(
                         if implied[k] >= 0:
                             if wp.length(steps.foot[implied[k]] - steps.foot[p]) < _SAME:
                                 agree = agree + 1.0
-                    cost = match_cost(
-                        target, row, row_turn, i, source, p, way, flip, turns, weight, likeness, direction, used, steps.foot, terms
-                    )
+                    cost = match_cost(patches, steps.foot, i, p, way, flip, terms)
                     if number > 0:
                         cost = cost + terms.coherence * (1.0 - agree / float(number))
                     if cost < best:
@@ -419,7 +408,7 @@ def patch_kernel(
     # output
     value: wp.array2d[wp.vec4],
 ):
-    """Write (h, dh/dr, dh/(r d angle), confidence) at a vertex's grid points; confidence is the least of the triangle's corners'."""
+    """Write (h, dh/dr, dh/(r d angle), confidence) at a vertex's grid points; confidence is the corners' least."""
     i = start + wp.tid()
     center = steps.foot[vertices[i]]
     for k in range(face.shape[1]):
@@ -492,7 +481,7 @@ def wish_kernel(
     sure: wp.array[wp.float32],
     reached: wp.array[wp.int32],
 ):
-    """For a directed edge i -> j: what the source of i says about h_j - h_i, whether it knows, and which vertex it reaches for j."""
+    """For an edge i -> j: what the source of i says about h_j - h_i, whether it knows, which vertex it reaches for j."""
     index = start + wp.tid()
     i = vertex[index]
     e = entry[index]
@@ -502,7 +491,7 @@ def wish_kernel(
     reached[index] = -1
     if p >= 0:
         here, known_here = height_at(steps, mesh, height, known, p, field.offset[i])
-        q, rest, turned = walk(steps, p, field.offset[i] + mapped(field.angle[i], field.mirror[i], steps.step[e]))
+        q, rest, _ = walk(steps, p, field.offset[i] + mapped(field.angle[i], field.mirror[i], steps.step[e]))
         there, known_there = height_at(steps, mesh, height, known, q, rest)
         if wp.length(rest) < _STRAY:
             reached[index] = q

@@ -20,10 +20,10 @@ _MOST_CROSSINGS = wp.constant(1_000_000)
 
 @wp.func
 def go_straight(mesh: Triangles, face: int, weight: wp.vec3, ahead: wp.vec3, behind: int, length: float):
-    """Walk straight on by ``length``; return the face, or -1 beyond a border, the place in it, the direction, and the edge behind.
+    """Walk straight on by ``length``; return the face (-1 beyond a border), the place in it, the direction, the edge behind.
 
-    ``behind`` is the corner opposite the edge that the walk came in by, or -1. Within a triangle barycentric coordinates change by
-    travel * slope; across an edge the direction is unfolded.
+    ``behind`` is the corner opposite the edge that the walk came in by, or -1. Within a triangle barycentric coordinates change
+    by travel * slope; across an edge the direction is unfolded.
     """
     at = int(face)
     b = weight
@@ -122,7 +122,7 @@ def trace_kernel(
             if length > 0.0:
                 direction = g[0] * centers.u[i] + g[1] * centers.v[i]
                 direction = wp.normalize(direction - wp.dot(direction, n0) * n0)
-                found, b, direction, entered = go_straight(mesh, origin_face, b0, direction, -1, length)
+                found, b, direction, _ = go_straight(mesh, origin_face, b0, direction, -1, length)
         face[i, k] = found
         weight[i, k] = wp.vec2(b[0], b[1])
 
@@ -140,7 +140,7 @@ def trace_rays_kernel(
     face: wp.array2d[wp.int32],
     weight: wp.array2d[wp.vec2],
 ):
-    """Walk from a foot along rays and note every ``step``: ring j of direction d is grid point ``point[d, j]``, if that is not -1."""
+    """Walk from a foot along rays and note every ``step``: ring j of ray d is grid point ``point[d, j]``, unless -1."""
     i = start + wp.tid()
     origin_face = first_face[i]
     b0 = into_face(mesh, origin_face, centers.foot[i])

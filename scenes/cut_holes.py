@@ -1,6 +1,7 @@
 """Holes cut into real scans whose truth is kept: Intaglio, a smooth filling and the truth under one light, and the figures.
 
-The holes are drawn by fixed seeds, where the surface is rough. Every second one (``held out``) was not looked at while the method was made.
+The holes are drawn by fixed seeds, where the surface is rough. Every second one (``held out``) was not looked at while the method
+was made.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def test_complete_writes_mesh_and_report(monkeypatch, capsys, scan_file, tmp_pat
     assert f"wrote {page}" in out
     assert "mean surface integral" in out
     assert "spacing" in err
-    same = intaglio.complete_relief(scan, "plane", window=3, refine=3, seed=4)
+    same = intaglio.complete_relief(scan, "plane", window=3, seed=4)
     assert same.vertices.tobytes() == whole.vertices.tobytes()
 
 

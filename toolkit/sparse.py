@@ -31,8 +31,8 @@ class SymmetricFactors:
 def factor_symmetric(system: csr_array) -> SymmetricFactors:
     """Return the factors of a symmetric system whose diagonal needs no pivoting.
 
-    Reverse Cuthill-McKee ordering comes first: where neighbours have far numbers, as after subdivision, minimum degree alone breaks
-    ties so badly that it takes many times as long.
+    Reverse Cuthill-McKee ordering comes first: where neighbours have far numbers, as after subdivision, minimum degree alone
+    breaks ties so badly that it takes many times as long.
     """
     rows = csr_array(system)
     order = reverse_cuthill_mckee(rows, symmetric_mode=True)

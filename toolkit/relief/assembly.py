@@ -42,8 +42,8 @@ class Filled:
 def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ...], device: str) -> Surface:
     """Return the surface that the scan and its filling make together.
 
-    The scan's vertices come first, in their order, then the filled ones; so do the faces. Where the ground holds a part of the scan
-    alone, the rest has no base: theirs is the vertex itself.
+    The scan's vertices come first, in their order, then the filled ones; so do the faces. Where the ground holds a part of the
+    scan alone, the rest has no base: theirs is the vertex itself.
 
     Parameters
     ----------

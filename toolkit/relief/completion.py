@@ -63,8 +63,8 @@ def complete_relief(
 
     Stage one fits the base and lays target points over the missing part at the scan's density. Stage two fills in the relief: by
     coherent pieces of what was measured nearby, found at all scales and joined by their differences, or, where one of its options
-    is given, by Breckon & Fisher's propagation from the rim. `prepare_relief` does stage one alone, so that stage two can be tried
-    with other settings, seeds or exemplars, and has all other options.
+    is given, by Breckon & Fisher's propagation from the rim. `prepare_relief` does stage one alone, so that stage two can be
+    tried with other settings, seeds or exemplars, and has all other options.
 
     Parameters
     ----------

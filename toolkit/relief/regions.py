@@ -45,6 +45,9 @@ def fill_regions(
         turning, notes = parameters.rotations > 1, parameters.notes
     holes = _holes(ground)
     out = _Whole(ground)
+    if not holes:
+        # Rims so narrow that triangles alone close them.
+        return out.filled(())
     found: list[CoherentFilling] = []
     for number, targets in enumerate(holes):
         whole = len(holes) == 1
@@ -88,6 +91,8 @@ def _restricted(allowed: Array, keep: Array) -> Array | None:
 def _holes(ground: Ground) -> list[Array]:
     """Return the targets of each hole; of a plane, cylinder or sphere all together, as their extents are of one size."""
     targets = np.flatnonzero(~ground.measured)
+    if len(targets) == 0:
+        return []
     if not isinstance(ground.base, SmoothBase):
         return [targets]
     graph = csr_array(ground.topology.graph[targets][:, targets])
@@ -126,9 +131,7 @@ class _Whole:
         base = ground.base
         if isinstance(base, SmoothBase):
             base = replace(base, vertices=self._foot, normals=self._normal)
-        ground = replace(
-            ground, base=base, foot=self._foot, normal=self._normal, u=self._u, v=np.cross(self._normal, self._u)
-        )
+        ground = replace(ground, base=base, foot=self._foot, normal=self._normal, u=self._u, v=np.cross(self._normal, self._u))
         color = ground.color
         if color is not None:
             color = color[np.where(self._source >= 0, self._source, 0)]

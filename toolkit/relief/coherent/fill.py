@@ -25,8 +25,8 @@ _RINGS = 4
 _MOST_LEVELS = 4
 # Rounds of search and joining at the coarsest level and at each, and sweeps in a round.
 _FIRST_ROUNDS, _ROUNDS, _SWEEPS = 6, 3, 3
-# A smooth base is relaid over the filling so often at a level; its wave length at the finest level and at the coarsest, in widths of
-# the hole, and the least and most at the finest, in spacings.
+# A smooth base is relaid over the filling so often at a level; its wave length at the finest level and at the coarsest, in widths
+# of the hole, and the least and most at the finest, in spacings.
 _RELAYS = 4
 _FINEST_SCALE, _COARSEST_SCALE = 1.0, 2.0
 _LEAST_SCALE, _MOST_SCALE = 16.0, 40.0
@@ -75,9 +75,9 @@ def fill_coherently(
 ) -> CoherentFilling:
     """Fill the targets of a ground with coherent pieces of measured relief.
 
-    Every target gets a measured place and an angle. At each level, from patches as wide as the hole to patches of four edges, search
-    alternates with joining: heights whose differences along edges are those of the sources. A smooth base is laid anew over scan
-    and filling together between the rounds, so that base and filling settle together.
+    Every target gets a measured place and an angle. At each level, from patches as wide as the hole to patches of four edges,
+    search alternates with joining: heights whose differences along edges are those of the sources. A smooth base is laid anew
+    over scan and filling together between the rounds, so that base and filling settle together.
 
     Parameters
     ----------
@@ -119,7 +119,9 @@ class _Completion:
         if allowed is not None:
             inner &= allowed
         if not inner.any():
-            raise InputError("fewer samples than the smallest window needs: no vertex that may be taken has measured surface around it")
+            raise InputError(
+                "fewer samples than the smallest window needs: no vertex that may be taken has measured surface around it"
+            )
         self._inner = inner
         self._targets = np.flatnonzero(~ground.measured)
         self._hops = edges_from(graph, ground.measured)
@@ -218,9 +220,7 @@ class _Completion:
         ground = self._ground
         if scale not in self._plates:
             self._plates[scale] = ThinPlate(ground.foot, ground.faces, scale * ground.spacing)
-        vertices = np.where(
-            self._measured[:, None], ground.vertices, ground.foot + (x * ground.spacing)[:, None] * ground.normal
-        )
+        vertices = np.where(self._measured[:, None], ground.vertices, ground.foot + (x * ground.spacing)[:, None] * ground.normal)
         smooth = self._plates[scale].smooth(vertices)
         normal = vertex_normals(smooth, ground.faces)
         height = np.einsum("ij,ij->i", vertices - smooth, normal)
@@ -263,5 +263,3 @@ class _Completion:
             self._levels + 1,
             self._scale(0) * ground.spacing if self._smooth else 0.0,
         )
-
-

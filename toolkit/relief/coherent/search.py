@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array
-from intaglio.kernels.correspondence import Field, Terms, empty_field, patch_grid, sweep_kernel
+from intaglio.kernels.correspondence import Field, Patches, Reach, Terms, empty_field, patch_grid, sweep_kernel
 from intaglio.kernels.launch import launch, upload
 from intaglio.randomness import Stream, uniform
 from intaglio.relief.coherent.joining import Wishes
@@ -69,8 +69,9 @@ class FieldSearch:
         self._count, self._device, self._seed, self._sweeps = len(allowed), device, seed, 0
         self._weights, self._turning, self._mirrored = weights, turning, mirrored
         self._grid_weight, turns = patch_grid()
-        self._turns = upload(turns, wp.int32, device)
-        self._wp_weight = upload(self._grid_weight, wp.float32, device)
+        self._compared = Patches()
+        self._compared.turns = upload(turns, wp.int32, device)
+        self._compared.weight = upload(self._grid_weight, wp.float32, device)
         self._wp_sources = upload(self.sources, wp.int32, device)
         self._allowed = upload(allowed, wp.uint8, device)
         self._terms = Terms()
@@ -103,7 +104,10 @@ class FieldSearch:
         row, row_turn = np.zeros(self._count, np.int32), np.zeros(self._count, np.float32)
         row[self.sources], row[self.targets] = stands, len(sources) + np.arange(len(self.targets))
         row_turn[self.sources] = turn
-        self._row, self._row_turn = upload(row, wp.int32, self._device), upload(row_turn, wp.float32, self._device)
+        compared = self._compared
+        compared.row, compared.row_turn = upload(row, wp.int32, self._device), upload(row_turn, wp.float32, self._device)
+        compared.likeness = upload(surroundings[0], wp.vec3, self._device)
+        compared.direction = upload(surroundings[1], wp.vec2, self._device)
         known = self._grid_weight * (sources[..., 3] > 0)
         total = np.maximum(known.sum(axis=1), 1e-9)
         mean = (known * sources[..., 0]).sum(axis=1) / total
@@ -115,48 +119,36 @@ class FieldSearch:
         for name in ("missing", "coherence", "locality", "likeness", "direction", "use"):
             setattr(terms, name, getattr(weights, name))
         terms.reach = reach
-        self._likeness = upload(surroundings[0], wp.vec3, self._device)
-        self._direction = upload(surroundings[1], wp.vec2, self._device)
 
     def take_targets(self, patches: Array, active: Array, use: Array) -> None:
         """Take the targets' patches (T, G, 4), which of all vertices (N,) are to be matched, and the sources' use (N,)."""
         self._patches[len(self._patches) - len(self.targets) :] = patches
         self._active_vertices = np.flatnonzero(active)
-        self._upload = upload(self._patches, wp.vec4, self._device, copy=False)
+        self._compared.values = upload(self._patches, wp.vec4, self._device, copy=False)
         self._active = upload(active, wp.uint8, self._device)
         self._wp_active_vertices = upload(self._active_vertices, wp.int32, self._device)
-        self._use = upload(use, wp.float32, self._device)
+        self._compared.used = upload(use, wp.float32, self._device)
 
     def sweep(self, span: float, stride: float, *, explore: bool = True) -> None:
         """Let some of the active targets look for better sources, at random no further than ``span`` spacings from their own."""
         assert self._level_tables is not None
         fresh = empty_field(self._count, self._device)
         seed = int(2**31 * uniform(self._seed, Stream.RELIEF_SWEEP, self._sweeps))
+        reach = Reach()
+        reach.turning, reach.mirrored = float(self._turning), int(self._mirrored)
+        reach.span, reach.stride, reach.halvings, reach.explore = float(span), float(stride), _HALVINGS, int(explore)
         launch(
             sweep_kernel,
             len(self._active_vertices),
             inputs=[
                 self._wp_active_vertices,
-                self._row,
-                self._row_turn,
                 self._active,
                 self._allowed,
                 self._wp_sources,
                 self._level_tables.steps,
-                self._upload,
-                self._upload,
-                self._turns,
-                self._wp_weight,
-                self._likeness,
-                self._direction,
-                self._use,
+                self._compared,
                 self._terms,
-                float(self._turning),
-                int(self._mirrored),
-                float(span),
-                float(stride),
-                _HALVINGS,
-                int(explore),
+                reach,
                 seed,
                 self.field,
             ],

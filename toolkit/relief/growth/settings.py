@@ -123,9 +123,9 @@ class ReliefSettings:
     engine : {"auto", "blas", "warp"}
         How the displacement metric's costs are computed; with the rule "near-best" the choices are the same.
     method : {"pieces", "propagation"}, optional
-        "pieces": coherent pieces of the scan, found at all scales at once and joined by their differences. "propagation": Breckon &
-        Fisher's, vertex by vertex from the rim. Default "pieces", and "propagation" where one of its own options is given: all but
-        ``rotations`` and ``mirror``.
+        "pieces": coherent pieces of the scan, found at all scales at once and joined by their differences. "propagation": Breckon
+        & Fisher's, vertex by vertex from the rim. Default "pieces", and "propagation" where one of its own options is given: all
+        but ``rotations`` and ``mirror``.
     mirror : bool
         Pieces may be mirror images as well.
 
