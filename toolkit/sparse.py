@@ -35,7 +35,7 @@ def factor_symmetric(system: csr_array) -> SymmetricFactors:
     breaks ties so badly that it takes many times as long.
     """
     rows = csr_array(system)
-    order = reverse_cuthill_mckee(rows, symmetric_mode=True)
+    order = reverse_cuthill_mckee(rows, symmetric_mode=True) if rows.shape[0] else np.zeros(0, np.int32)
     ordered = rows[order][:, order].tocsc()
     factors = splu(ordered, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return SymmetricFactors(factors, order)

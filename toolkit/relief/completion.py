@@ -397,7 +397,7 @@ class PreparedRelief:
         ground = self.ground
         chosen = chosen_vertices(self.surface, exemplar)
         relief = ground.height[ground.measured]
-        flat = ()
+        flat: tuple[str, ...] = ()
         if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
             flat = ("the scan has no relief over its base: what was filled is the smooth surface",)
         if settings.method == "pieces":

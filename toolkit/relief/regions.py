@@ -37,7 +37,8 @@ def fill_regions(
     count = len(ground.measured)
     may = None if allowed is None else np.concatenate([allowed, np.zeros(count - len(allowed), bool)])
     # Over a smooth base the frames lie by chance: there a direction says nothing.
-    turning, notes = True, ()
+    turning = True
+    notes: tuple[str, ...] = ()
     if settings.rotations is not None:
         turning = settings.rotations > 1
     elif not isinstance(ground.base, SmoothBase):

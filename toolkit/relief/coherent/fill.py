@@ -226,6 +226,7 @@ class _Completion:
         height = np.einsum("ij,ij->i", vertices - smooth, normal)
         foot = vertices - height[:, None] * normal
         u = unit(ground.u - np.einsum("ij,ij->i", ground.u, normal)[:, None] * normal)
+        assert isinstance(ground.base, SmoothBase)
         base = replace(ground.base, vertices=foot, normals=normal, relief_scale=scale * ground.spacing)
         self._ground = replace(ground, base=base, foot=foot, normal=normal, u=u, v=np.cross(normal, u))
         height /= ground.spacing
