@@ -32,14 +32,14 @@ def facade(angle: Array, height: Array) -> Array:
     return np.where(inside & (z > 0.9), -0.45, depth)
 
 
-def tower() -> tuple[Surface, Cylinder]:
-    """Return the whole tower wall and its axis."""
+def tower(step: float = STEP) -> tuple[Surface, Cylinder]:
+    """Return the whole tower wall, sampled at about ``step`` metres, and its axis."""
     base = Cylinder(point=np.zeros(3), axis=np.array([0.0, 0.0, 1.0]), radius=RADIUS)
     # Whole steps to a bay, so that bays are alike.
-    columns = BAYS * round(2 * np.pi * RADIUS / BAYS / STEP)
-    rows = round(STOREYS * STOREY / STEP)
+    columns = BAYS * round(2 * np.pi * RADIUS / BAYS / step)
+    rows = round(STOREYS * STOREY / step)
     c, r = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
-    angle, z = 2 * np.pi * c / columns, r * STEP
+    angle, z = 2 * np.pi * c / columns, r * step
     reach = RADIUS + facade(angle, z)
     points = np.stack([reach * np.cos(angle), reach * np.sin(angle), z], axis=-1)
     return Surface(vertices=points.reshape(-1, 3), faces=grid_faces(columns, rows, True)), base

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import intaglio
-from intaglio.scenes import simple_patterns
+from intaglio.scenes import published_figures, simple_patterns
 from intaglio.scenes.common import main
 
 BOUNDS = {
@@ -38,6 +38,8 @@ def run_scene(name, folder):
     args = argparse.Namespace(output=folder, seed=1, device="cpu")
     if name in simple_patterns.PATTERNS:
         return simple_patterns.run(args, names=(name,))[0]
+    if name in published_figures.FIGURES:
+        return published_figures.run(args, names=(name,))
     return importlib.import_module(f"intaglio.scenes.{name}").run(args)
 
 
@@ -84,6 +86,30 @@ def test_fast_scenes(name, tmp_path):
     assert abs(result.report.msi_percent) <= BOUNDS[name]
     assert result.report.truth.rms < result.report.std_measured
     check_files(result, tmp_path)
+
+
+@pytest.mark.usefixtures("quick_pictures")
+def test_too_few_targets_alias_and_enough_do_not(tmp_path):
+    off = {}
+    for name in ("aliasing", "no_aliasing"):
+        (result,) = run_scene(name, tmp_path)
+        off[name] = result.report.truth.rms / result.report.std_measured
+        assert any("Nyquist" in note for note in result.whole.notes) == (name == "aliasing")
+        check_files(result, tmp_path)
+    assert off["no_aliasing"] < 0.05
+    assert off["aliasing"] > 0.5
+
+
+@pytest.mark.usefixtures("quick_pictures")
+def test_figures_that_complete_nothing_are_drawn(tmp_path, capsys):
+    for name in ("frames", "pairing"):
+        assert run_scene(name, tmp_path) == []
+        assert intaglio.read_image(tmp_path / f"{name}.png").std() > 0.05
+    said = capsys.readouterr().out
+    turned = [float(share) for share in re.findall(r"([\d.]+)% of edges turn them", said)]
+    # Swept frames agree better than algebraic ones on the sphere and on the cylinder.
+    assert turned[1] < turned[0]
+    assert turned[3] <= turned[2]
 
 
 @pytest.mark.slow
