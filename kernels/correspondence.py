@@ -110,14 +110,17 @@ def empty_field(count: int, device: str) -> Field:
 class Terms:
     """What counts how much in a match's cost.
 
-    ``w_height`` and ``w_slope`` scale the squared differences; ``missing`` is what a grid point costs that the source doesn't
-    know; ``coherence`` what it costs if no neighbour implies the same place; ``locality`` what a distance of ``reach`` (spacings)
-    or more costs; ``likeness`` and ``direction`` scale squared differences of descriptors, ``use`` how often a source is taken
-    already.
+    ``w_height`` and ``w_slope`` scale the squared differences, ``afloat`` is 1 where a match's mean difference in height doesn't
+    count and 0 where it does; ``upright`` is what a source costs that stands on its head; ``missing`` is what a grid point costs
+    that the source doesn't know; ``coherence`` what it costs if no neighbour implies the same place; ``locality`` what a distance
+    of ``reach`` (spacings) or more costs; ``likeness`` and ``direction`` scale squared differences of descriptors, ``use`` how
+    often a source is taken already.
     """
 
     w_height: float
     w_slope: float
+    afloat: float
+    upright: float
     missing: float
     coherence: float
     locality: float
@@ -237,7 +240,7 @@ def patch_difference(patches: Patches, i: int, p: int, angle: float, mirror: int
         if both < _KNOWN_SHARE * total:
             result = _UNFIT
         else:
-            difference = terms.w_height * (second - first * first / both) + terms.w_slope * slopes
+            difference = terms.w_height * (second - terms.afloat * first * first / both) + terms.w_slope * slopes
             result = (difference + terms.missing * lost) / total
             # Little that is known says little.
             result = result * total / (total + _RELIABLE)
@@ -252,6 +255,7 @@ def match_cost(patches: Patches, foot: wp.array[wp.vec3], i: int, p: int, angle:
     # Directions are double angles; a mirror turns them round.
     d = mapped(2.0 * angle, mirror, patches.direction[i]) - patches.direction[p]
     cost = cost + terms.direction * wp.length_sq(d)
+    cost = cost + 0.5 * terms.upright * (1.0 - wp.cos(angle))
     cost = cost + terms.locality * wp.min(wp.length(foot[i] - foot[p]) / terms.reach, 1.0)
     return cost + terms.use * patches.used[p]
 
@@ -355,6 +359,8 @@ def sweep_kernel(
             elif c == number + 3:
                 p = sources[int(wp.randf(state) * float(sources.shape[0])) % sources.shape[0]]
                 way = reach.turning * 6.2831853 * wp.randf(state)
+                if terms.upright > 0.0 and wp.randf(state) < 0.5:
+                    way = float(0.0)
                 if reach.mirrored != 0 and wp.randf(state) < 0.5:
                     flip = int(1)
             elif best_place >= 0:
@@ -479,18 +485,21 @@ def wish_kernel(
     # output
     wish: wp.array[wp.float32],
     sure: wp.array[wp.float32],
+    own: wp.array[wp.float32],
     reached: wp.array[wp.int32],
 ):
-    """For an edge i -> j: what the source of i says about h_j - h_i, whether it knows, which vertex it reaches for j."""
+    """For an edge i -> j: what the source of i says about h_j - h_i, whether it knows, h_i there, which vertex it reaches for j."""
     index = start + wp.tid()
     i = vertex[index]
     e = entry[index]
     p = field.place[i]
     wish[index] = 0.0
     sure[index] = 0.0
+    own[index] = 0.0
     reached[index] = -1
     if p >= 0:
         here, known_here = height_at(steps, mesh, height, known, p, field.offset[i])
+        own[index] = here
         q, rest, _ = walk(steps, p, field.offset[i] + mapped(field.angle[i], field.mirror[i], steps.step[e]))
         there, known_there = height_at(steps, mesh, height, known, q, rest)
         if wp.length(rest) < _STRAY:

@@ -9,14 +9,17 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array, Progress
-from intaglio.mesh import SmoothBase
+from intaglio.mesh import SmoothBase, Sphere
 from intaglio.relief.assembly import Filled
-from intaglio.relief.coherent import CoherentFilling, fill_coherently
+from intaglio.relief.coherent import CoherentFilling, Weights, fill_coherently
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth import ReliefSettings, Resources, choose_parameters
 
 # In words: a filling whose pieces are fewer neighbours than this is said to be so.
 _COHERENT = 0.85
+# Over a plane, cylinder or sphere: what the sources' own heights count in joining, against differences along edges; and what it
+# costs to stand on one's head where frames lie one way.
+_PULL, _UPRIGHT = 0.1, 0.3
 
 
 def fill_regions(
@@ -37,13 +40,18 @@ def fill_regions(
     count = len(ground.measured)
     may = None if allowed is None else np.concatenate([allowed, np.zeros(count - len(allowed), bool)])
     # Over a smooth base the frames lie by chance: there a direction says nothing.
-    turning = True
+    turning, weights = True, Weights()
     notes: tuple[str, ...] = ()
     if settings.rotations is not None:
         turning = settings.rotations > 1
     elif not isinstance(ground.base, SmoothBase):
         parameters = choose_parameters(ground, 7, 1.0, None, 1.0)
         turning, notes = parameters.rotations > 1, parameters.notes
+    if not isinstance(ground.base, SmoothBase):
+        # The base is known where nothing was measured, so heights count as such.
+        weights = replace(weights, afloat=0.0, pull=_PULL)
+        if not isinstance(ground.base, Sphere):
+            weights = replace(weights, upright=_UPRIGHT)
     holes = _holes(ground)
     out = _Whole(ground)
     if not holes:
@@ -65,6 +73,7 @@ def fill_regions(
             mirrored=settings.mirror,
             seed=resources.seed + number,
             device=resources.device,
+            weights=weights,
             progress=report,
         )
         out.take(filling, keep)

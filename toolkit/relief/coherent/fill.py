@@ -12,6 +12,7 @@ import numpy as np
 
 from intaglio.arrays import Array, Progress
 from intaglio.errors import InputError
+from intaglio.kernels.correspondence import Field
 from intaglio.mesh import SmoothBase, unit, vertex_normals
 from intaglio.relief.coherent.averaging import average, averaging, edges_from
 from intaglio.relief.coherent.joining import Wishes, ask_sources, coherence, join
@@ -25,6 +26,8 @@ _RINGS = 4
 _MOST_LEVELS = 4
 # Rounds of search and joining at the coarsest level and at each, and sweeps in a round.
 _FIRST_ROUNDS, _ROUNDS, _SWEEPS = 6, 3, 3
+# The coarsest level is begun so often; what an unfit match counts when starts are compared.
+_STARTS, _DEAR = 3, 10.0
 # A smooth base is relaid over the filling so often at a level; its wave length at the finest level and at the coarsest, in widths
 # of the hole, and the least and most at the finest, in spacings.
 _RELAYS = 4
@@ -60,6 +63,11 @@ class CoherentFilling:
     coherence: float
     levels: int
     scale: float
+
+
+def _times(level: int) -> int:
+    """Return how often heights are averaged for a level: at the finest they are compared as they are."""
+    return 4**level if level else 0
 
 
 def fill_coherently(
@@ -144,11 +152,17 @@ class _Completion:
         x = self._height.copy()
         filled = np.zeros(len(x), bool)
         plan = [self._levels, *range(self._levels, -1, -1)]
+        self._done = 0
+        self._steps = _STARTS * len(self._rounds(2.0**self._levels, True)) + _ROUNDS * (len(plan) - 1)
         for turn, level in enumerate(plan):
             if self._smooth:
                 x = self._relay(x, self._scale(level), first=turn == 0)
                 self._tables = SurfaceTables(self._ground, self._device)
-            x, filled = self._one_level(x, filled, level, turn, len(plan))
+            self._take_level(level)
+            if turn == 0:
+                x, filled = self._best_start(x, level)
+            else:
+                x, filled = self._settle(x, filled, level, self._rounds(2.0**level, False))
             if self._smooth:
                 for _ in range(_RELAYS):
                     x = self._relay(x, self._scale(level))
@@ -162,24 +176,38 @@ class _Completion:
         coarsest = max(finest, _COARSEST_SCALE * width)
         return float(finest * (coarsest / finest) ** (level / max(self._levels, 1)))
 
-    def _one_level(self, x: Array, filled: Array, level: int, turn: int, turns: int) -> tuple[Array, Array]:
-        """Search and join at one level; return the heights and which targets have one."""
-        step = 2.0**level
-        # At the finest level relief is compared as it is.
-        times = 4**level if level else 0
-        search, first = self._search, turn == 0
-        measured = self._measured.astype(np.float64)
+    def _take_level(self, level: int) -> None:
+        """Lay the patches of a level around sources and targets."""
+        step, search = 2.0**level, self._search
         chosen, stands, turned = self._tables.thinned(search.sources, step)
+        height = average(self._own, self._height, _times(level))
         search.take_level(
             self._tables,
-            self._tables.patches(chosen, step, average(self._own, self._height, times), measured),
+            self._tables.patches(chosen, step, height, self._measured.astype(np.float64)),
             stands,
             turned,
             (self._surroundings.likeness, self._surroundings.direction_in(self._ground)),
             2.0 * self._depth,
         )
-        located = self._tables.locate(self._targets, step)
-        rounds = self._rounds(step, first)
+        self._located = self._tables.locate(self._targets, step)
+
+    def _best_start(self, x: Array, level: int) -> tuple[Array, Array]:
+        """Begin several times at the coarsest level, and go on from where matches cost least."""
+        best: tuple[float, Array, Array, Field] | None = None
+        for start in range(_STARTS):
+            self._search.start_over(start)
+            found, filled = self._settle(x, np.zeros(len(x), bool), level, self._rounds(2.0**level, True))
+            cost = float(np.minimum(self._search.field.cost.numpy()[self._targets], _DEAR).mean())
+            if best is None or cost < best[0]:
+                best = cost, found, filled, self._search.field
+        assert best is not None
+        self._search.field = best[3]
+        return best[1], best[2]
+
+    def _settle(self, x: Array, filled: Array, level: int, rounds: list[int]) -> tuple[Array, Array]:
+        """Search and join by turns at one level; return the heights and which targets have one."""
+        step, search = 2.0**level, self._search
+        first = not filled.any()
         span = max(8.0, self._depth) if level == self._levels else 4 * step
         use = np.zeros(len(x))
         for done, reach in enumerate(rounds):
@@ -188,7 +216,7 @@ class _Completion:
             smoother = self._all if known.all() else averaging(self._ground.topology.graph, known)
             sure = np.where(self._measured, 1.0, np.where(filled, self._weights.decay**self._hops, 0.0))
             search.take_targets(
-                self._tables.read(located, average(smoother, x, times), sure),
+                self._tables.read(self._located, average(smoother, x, _times(level)), sure),
                 active,
                 np.maximum(use / self._even - 1.0, 0.0),
             )
@@ -198,10 +226,11 @@ class _Completion:
                 search.give_up_small_pieces(self._wishes(), 4 * self._depth)
             place = search.place[active]
             use = average(self._own, np.bincount(place[place >= 0], minlength=len(x)).astype(np.float64), 6)
-            x = join(self._wishes(), x, active)
+            x = join(self._wishes(), x, active, self._weights.pull)
             filled = active
+            self._done += 1
             if self._progress is not None:
-                self._progress(turn * len(rounds) + done + 1, turns * len(rounds))
+                self._progress(self._done, self._steps)
         return x, filled
 
     def _rounds(self, step: float, first: bool) -> list[int]:

@@ -32,6 +32,8 @@ class Wishes:
         h_j - h_i at the source of i, in spacings.
     known : (E,) bool array
         Whether the source is measured at both ends.
+    height : (E,) array
+        h_i at the source of i, in spacings.
     agrees : (E,) bool array
         Whether j has its source where that of i implies it; False where j is measured.
     """
@@ -40,6 +42,7 @@ class Wishes:
     other: Array
     difference: Array
     known: Array
+    height: Array
     agrees: Array
 
 
@@ -58,7 +61,7 @@ def ask_sources(tables: SurfaceTables, field: Field, height: Array, measured: Ar
     entry = np.flatnonzero(~measured[tables.first])
     first, other = tables.first[entry], tables.other[entry]
     count = len(entry)
-    difference, known = (wp.zeros(count, dtype=wp.float32, device=device) for _ in range(2))
+    difference, known, own = (wp.zeros(count, dtype=wp.float32, device=device) for _ in range(3))
     reached = wp.zeros(count, dtype=wp.int32, device=device)
     launch(
         wish_kernel,
@@ -72,14 +75,15 @@ def ask_sources(tables: SurfaceTables, field: Field, height: Array, measured: Ar
             upload(measured, wp.uint8, device),
             field,
         ],
-        outputs=[difference, known, reached],
+        outputs=[difference, known, own, reached],
         device=device,
     )
+    implied = np.asarray(reached.numpy())
     place = field.place.numpy()[other]
-    implied = reached.numpy()
     apart = np.linalg.norm(tables.foot[implied] - tables.foot[place], axis=1)
     agrees = (implied >= 0) & (place >= 0) & (apart < _NEIGHBOR) & ~measured[other]
-    return Wishes(first, other, difference.numpy().astype(np.float64), known.numpy() > 0, agrees)
+    said = difference.numpy().astype(np.float64), known.numpy() > 0, own.numpy().astype(np.float64)
+    return Wishes(first, other, *said, agrees)
 
 
 def coherence(wishes: Wishes, measured: Array) -> float:
@@ -88,10 +92,10 @@ def coherence(wishes: Wishes, measured: Array) -> float:
     return float(wishes.agrees[inner].mean()) if inner.any() else 1.0
 
 
-def join(wishes: Wishes, height: Array, active: Array) -> Array:
+def join(wishes: Wishes, height: Array, active: Array, pull: float = 0.0) -> Array:
     """Return heights (N,) that fulfil the wishes of active targets in the least squares; all others keep theirs.
 
-    Minimises the sum over edges of (h_j - h_i - wish)^2, where inside a piece all wishes agree.
+    Minimises the sum over edges of (h_j - h_i - wish)^2 + pull (h_i - h_source)^2; inside a piece all wishes agree.
 
     Parameters
     ----------
@@ -100,6 +104,8 @@ def join(wishes: Wishes, height: Array, active: Array) -> Array:
         Held where measured.
     active : (N,) bool array
         The targets to solve for; edges to other targets don't count.
+    pull : float
+        How much the sources' own heights count: 0 where the base below them is not certain.
     """
     targets = np.flatnonzero(active)
     held = np.ones(len(height), bool)
@@ -114,6 +120,9 @@ def join(wishes: Wishes, height: Array, active: Array) -> Array:
     count = len(targets)
     diagonal = np.bincount(a, weight, count) + np.bincount(b[inner], weight[inner], count)
     right = np.bincount(b[inner], wish[inner], count) - np.bincount(a, wish, count)
+    drawn = pull * wishes.known[use]
+    diagonal += np.bincount(a, drawn, count)
+    right += np.bincount(a, drawn * wishes.height[use], count)
     outer = wishes.other[use][~inner]
     right += np.bincount(a[~inner], weight[~inner] * height[outer], count)
     pairs = np.concatenate([a[inner], b[inner]]), np.concatenate([b[inner], a[inner]])

@@ -30,10 +30,14 @@ class Weights:
     ----------
     missing, coherence, locality, likeness, direction, use : float
         See `intaglio.kernels.correspondence.Terms`.
+    upright : float
+        See there; for bases on which all frames lie one way.
     decay : float
         What a target counts in a patch, for every edge that it is away from the rim.
     smallest : int
         Pieces of fewer targets are given up.
+    afloat, pull : float
+        1 and 0 where heights count against each other only, as over a base that is made up; 0 and more where they count as such.
     """
 
     missing: float = 2.0
@@ -42,6 +46,9 @@ class Weights:
     likeness: float = 0.2
     direction: float = 0.1
     use: float = 0.3
+    upright: float = 0.0
+    afloat: float = 1.0
+    pull: float = 0.0
     decay: float = 0.9
     smallest: int = 40
 
@@ -66,7 +73,8 @@ class FieldSearch:
     ) -> None:
         self.targets, self.sources = targets, np.flatnonzero(allowed)
         self.field: Field = empty_field(len(allowed), device)
-        self._count, self._device, self._seed, self._sweeps = len(allowed), device, seed, 0
+        self._count, self._device, self._seed = len(allowed), device, seed
+        self._start, self._sweeps = 0, 0
         self._weights, self._turning, self._mirrored = weights, turning, mirrored
         self._grid_weight, turns = patch_grid()
         self._compared = Patches()
@@ -81,6 +89,11 @@ class FieldSearch:
     def place(self) -> Array:
         """The source's vertex (N,) of every vertex; -1 for none."""
         return np.asarray(self.field.place.numpy())
+
+    def start_over(self, start: int) -> None:
+        """Forget the field, and draw other random numbers for every ``start``."""
+        self.field = empty_field(self._count, self._device)
+        self._start, self._sweeps = start, 0
 
     def take_level(
         self, tables: SurfaceTables, sources: Array, stands: Array, turn: Array, surroundings: tuple[Array, Array], reach: float
@@ -116,7 +129,7 @@ class FieldSearch:
         terms, weights = self._terms, self._weights
         terms.w_height = 0.5 / (float(variance.mean()) + 1e-8)
         terms.w_slope = 0.5 / (float(steepness.mean()) + 1e-8)
-        for name in ("missing", "coherence", "locality", "likeness", "direction", "use"):
+        for name in ("missing", "coherence", "locality", "likeness", "direction", "use", "upright", "afloat"):
             setattr(terms, name, getattr(weights, name))
         terms.reach = reach
 
@@ -133,7 +146,7 @@ class FieldSearch:
         """Let some of the active targets look for better sources, at random no further than ``span`` spacings from their own."""
         assert self._level_tables is not None
         fresh = empty_field(self._count, self._device)
-        seed = int(2**31 * uniform(self._seed, Stream.RELIEF_SWEEP, self._sweeps))
+        seed = int(2**31 * uniform(self._seed, Stream.RELIEF_SWEEP, self._start, self._sweeps))
         reach = Reach()
         reach.turning, reach.mirrored = float(self._turning), int(self._mirrored)
         reach.span, reach.stride, reach.halvings, reach.explore = float(span), float(stride), _HALVINGS, int(explore)
@@ -159,6 +172,13 @@ class FieldSearch:
         self._sweeps += 1
         self.field = fresh
 
+    def pieces(self, wishes: Wishes) -> tuple[Array, Array]:
+        """Return the number (N,) of the piece that every vertex is in, where sources agree along edges, and the pieces' sizes."""
+        joined = wishes.first[wishes.agrees], wishes.other[wishes.agrees]
+        graph = coo_array((np.ones(len(joined[0]), bool), joined), shape=(self._count, self._count))
+        label = connected_components(graph, directed=False)[1]
+        return label, np.bincount(label)
+
     def give_up_small_pieces(self, wishes: Wishes, rounds: int) -> None:
         """Let the neighbours of small pieces grow over them.
 
@@ -169,10 +189,8 @@ class FieldSearch:
         rounds : int
             Most sweeps until all targets have a source again.
         """
-        joined = wishes.first[wishes.agrees], wishes.other[wishes.agrees]
-        graph = coo_array((np.ones(len(joined[0]), bool), joined), shape=(self._count, self._count))
-        label = connected_components(graph, directed=False)[1]
-        size = np.bincount(label)[label]
+        label, sizes = self.pieces(wishes)
+        size = sizes[label]
         small = np.zeros(self._count, bool)
         small[self._active_vertices] = size[self._active_vertices] < self._weights.smallest
         if not small.any() or small[self._active_vertices].all():
