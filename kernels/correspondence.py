@@ -488,7 +488,7 @@ def wish_kernel(
     own: wp.array[wp.float32],
     reached: wp.array[wp.int32],
 ):
-    """For an edge i -> j: what the source of i says about h_j - h_i, whether it knows, h_i there, which vertex it reaches for j."""
+    """For an edge i -> j: what the source of i says about h_j - h_i, whether it knows, h_i there, the vertex it has for j."""
     index = start + wp.tid()
     i = vertex[index]
     e = entry[index]

@@ -23,7 +23,7 @@ from intaglio.relief.ground import Ground, ThinPlate
 
 # Rings of a patch: at level l they lie 2^l spacings apart.
 _RINGS = 4
-_MOST_LEVELS = 4
+_MOST_LEVELS = 5
 # Rounds of search and joining at the coarsest level and at each, and sweeps in a round.
 _FIRST_ROUNDS, _ROUNDS, _SWEEPS = 6, 3, 3
 # The coarsest level is begun so often; what an unfit match counts when starts are compared.
@@ -141,7 +141,7 @@ class _Completion:
             inner, self._targets, turning=turning, mirrored=mirrored, weights=weights, seed=seed, device=device
         )
         self._tables = SurfaceTables(ground, device)
-        self._levels = int(np.clip(np.round(np.log2(max(self._depth, _RINGS) / _RINGS)), 0, _MOST_LEVELS))
+        self._levels = int(np.clip(np.round(np.log2(2.0 * max(self._depth, _RINGS) / _RINGS)), 0, _MOST_LEVELS))
         self._smooth = isinstance(ground.base, SmoothBase)
         self._plates: dict[float, ThinPlate] = {}
         # Few targets spread over many sources: a source taken once is used evenly.

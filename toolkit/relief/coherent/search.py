@@ -35,13 +35,13 @@ class Weights:
     decay : float
         What a target counts in a patch, for every edge that it is away from the rim.
     smallest : int
-        Pieces of fewer targets are given up.
+        Pieces of fewer targets are given up, or of less than an eighth of all.
     afloat, pull : float
         1 and 0 where heights count against each other only, as over a base that is made up; 0 and more where they count as such.
     """
 
     missing: float = 2.0
-    coherence: float = 0.8
+    coherence: float = 1.0
     locality: float = 0.1
     likeness: float = 0.2
     direction: float = 0.1
@@ -50,7 +50,7 @@ class Weights:
     afloat: float = 1.0
     pull: float = 0.0
     decay: float = 0.9
-    smallest: int = 40
+    smallest: int = 60
 
 
 class FieldSearch:
@@ -192,7 +192,7 @@ class FieldSearch:
         label, sizes = self.pieces(wishes)
         size = sizes[label]
         small = np.zeros(self._count, bool)
-        small[self._active_vertices] = size[self._active_vertices] < self._weights.smallest
+        small[self._active_vertices] = size[self._active_vertices] < min(self._weights.smallest, len(self.targets) // 8)
         if not small.any() or small[self._active_vertices].all():
             return
         self.field.place = upload(np.where(small, -1, self.place), wp.int32, self._device)

@@ -19,8 +19,8 @@ _SPREAD = (64, 64, 128)
 # Energies, in squared spacings, below which nothing is told apart.
 _FAINT = 1e-6
 # By how much a band of the filling may be raised.
-_MOST_GAIN = 1.6
-_PASSES = 2
+_MOST_GAIN = 2.0
+_PASSES = 4
 
 
 class Surroundings:
@@ -44,16 +44,12 @@ class Surroundings:
         self._measured = ground.measured
         self._graph = ground.topology.graph
         self._all = averaging(self._graph, np.ones(len(height), bool))
-        own = averaging(self._graph, ground.measured)
-        parts = bands(own, height)
-        energy = np.stack([average(own, b**2, 2 * n) for b, n in zip(parts, _SPREAD, strict=True)], axis=1) + _FAINT
-        log = np.log(energy)
+        own = self._own = averaging(self._graph, ground.measured)
+        log = np.log(self._energy(height))
         log = (log - log[ground.measured].mean(axis=0)) / (log[ground.measured].std(axis=0) + 0.1)
         tensor = _slope_tensor(ground, average(own, height, 4), own)
-        carried = self._carry_on(np.concatenate([energy, log, tensor], axis=1))
-        self._energy = np.maximum(carried[:, :3], _FAINT)
-        self.likeness = carried[:, 3:6]
-        self._tensor = carried[:, 6:]
+        carried = self._carry_on(np.concatenate([log, tensor], axis=1))
+        self.likeness, self._tensor = carried[:, :3], carried[:, 3:]
         self.direction = self.direction_in(ground)
 
     def direction_in(self, ground: Ground) -> Array:
@@ -67,15 +63,22 @@ class Surroundings:
         Copies lose the finest waves where they fall between measured vertices, and joining evens out what pieces disagree about.
         """
         filled = ~self._measured
+        # Over the base that the heights are over.
+        expected = self._carry_on(self._energy(np.where(filled, 0.0, height)))
         for _ in range(_PASSES):
             change = np.zeros(len(height))
             for k, (band, times) in enumerate(zip(bands(self._all, height), _SPREAD, strict=True)):
                 own = average(self._all, band**2, times) + _FAINT
-                gain = np.clip(np.sqrt(self._energy[:, k] / own), 1.0, _MOST_GAIN)
+                gain = np.clip(np.sqrt(expected[:, k] / own), 1.0, _MOST_GAIN)
                 gain[self._measured] = 1.0
                 change += (average(self._all, gain, 4) - 1.0) * band
             height = np.where(filled, height + change, height)
         return height
+
+    def _energy(self, height: Array) -> Array:
+        """Return the energies (N, 3) of the bands around measured vertices, in squared spacings."""
+        parts = zip(bands(self._own, height), _SPREAD, strict=True)
+        return np.stack([average(self._own, band**2, 2 * times) for band, times in parts], axis=1) + _FAINT
 
     def _carry_on(self, values: Array) -> Array:
         """Return ``values`` (N, C) with those of targets harmonic: each the mean of its neighbours'."""
