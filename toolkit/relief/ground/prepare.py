@@ -121,7 +121,7 @@ class Ground:
         """Signed displacement (N,) along the base normal; 0 at targets."""
         return np.einsum("ij,ij->i", self.vertices - self.foot, self.normal)
 
-    def around(self, targets: Array) -> tuple[Ground, Array]:
+    def around(self, targets: Array, *, near: bool = True) -> tuple[Ground, Array]:
         """Return the part of the ground around some targets, and which vertices (N,) it holds.
 
         Other targets are left out.
@@ -130,11 +130,14 @@ class Ground:
         ----------
         targets : (T,) int array
             All targets of a hole, or of several.
+        near : bool
+            Leave out what was measured far from them, too.
         """
         own = np.zeros(len(self.measured), bool)
         own[targets] = True
-        near = _surroundings(self.vertices, self.faces, [self.vertices[targets]], self.spacing) & self.measured
-        keep = near | own
+        keep = self.measured | own
+        if near:
+            keep &= _surroundings(self.vertices, self.faces, [self.vertices[targets]], self.spacing) | own
         number = np.cumsum(keep) - 1
         faces = self.faces[_whole(self.faces, keep)]
         # What hangs on the rest by a vertex alone would be a piece of its own.
