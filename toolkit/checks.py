@@ -396,7 +396,8 @@ def _checked_kind(name: str, value: object, kind: str, scope: Mapping[str, objec
     known = scope.get(kind)
     if isinstance(known, types.UnionType):
         # An alias of several annotations.
-        return _checked_by(name, value, str(known).replace("collections.abc.", ""), scope)
+        annotation = str(known).replace("collections.abc.", "").replace("numpy.ndarray", "Array")
+        return _checked_by(name, value, annotation, scope)
     if getattr(known, "_is_protocol", False):
         lacking = [method for method in vars(known) if not method.startswith("_") and not hasattr(value, method)]
         if lacking or isinstance(value, type):

@@ -10,15 +10,19 @@ from intaglio.mesh.reading import read_mesh_file, read_surface
 from intaglio.mesh.smooth_base import SmoothBase
 from intaglio.mesh.surface import Surface, vertex_normals
 from intaglio.mesh.topology import (
+    LARGE,
     Topology,
     adjacency,
     border_edges,
     border_loops,
     directed_edges,
     edge_keys,
+    edges_pair_up,
+    face_areas,
     following,
     grid_faces,
     largest_faces,
+    numbered_sets,
     opposite_edges,
     pieces,
     unique_edges,
@@ -27,6 +31,7 @@ from intaglio.mesh.topology import (
 from intaglio.mesh.writing import WRITABLE, check_single_precision, color_fields, files_beside, ply_table, write_surface
 
 __all__ = [
+    "LARGE",
     "POINT_FILES",
     "WRITABLE",
     "Base",
@@ -46,7 +51,9 @@ __all__ = [
     "color_fields",
     "directed_edges",
     "edge_keys",
+    "edges_pair_up",
     "equal_places",
+    "face_areas",
     "face_the_scan",
     "files_beside",
     "following",
@@ -54,6 +61,7 @@ __all__ = [
     "holds_points",
     "largest_faces",
     "mend_surface",
+    "numbered_sets",
     "opposite_edges",
     "perpendicular",
     "pieces",

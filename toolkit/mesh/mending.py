@@ -15,13 +15,16 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from intaglio.arrays import Array
 from intaglio.checks import checked_arguments
 from intaglio.errors import InputError
+from intaglio.kernels.connectivity import opposites, suspect_faces, whole_fans
 from intaglio.mesh.surface import PER_FACE, PER_VERTEX, Surface
-from intaglio.mesh.topology import directed_edges, following, opposite_edges
+from intaglio.mesh.topology import LARGE, corner_table, directed_edges, edges_pair_up, following, opposite_edges
 
 # Of more faces than this at one edge no two are taken for a continuation of each other.
 _MOST_AT_EDGE = 16
 # A triangle of less area, twice, beside the square of its longest side lies in a line.
 _FLAT = 1e-10
+# Corners of more faces than this have numbers beyond 32 bits.
+_MOST_FACES = (2**31 - 1) // 3
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,9 @@ def mend_faces(vertices: Array, faces: Array) -> Mending:
         Triangles.
     """
     notes: list[str] = []
+    if len(faces) > LARGE and _nothing_to_mend(vertices, faces):
+        corners = np.arange(3 * len(faces), dtype=np.int32 if len(faces) <= _MOST_FACES else np.int64)
+        return Mending(np.arange(len(vertices)), corners.reshape(-1, 3), np.ascontiguousarray(faces, np.int32), ())
     place = equal_places(vertices)
     face = _sound_faces(vertices, faces, place, notes)
     faces = np.asarray(faces[face], np.int64)
@@ -163,17 +169,49 @@ def mend_faces(vertices: Array, faces: Array) -> Mending:
     return Mending(vertex, corner, numbers.astype(np.int32), tuple(notes))
 
 
+def _nothing_to_mend(vertices: Array, faces: Array) -> bool:
+    """Tell, in a few passes without sorting edges, whether a mesh is a manifold as it is; where it says no, it may be one.
+
+    It is one if all vertices are finite and in places of their own, if every edge is the opposite of its opposite and no two
+    border edges are the same, if the faces at a vertex are one fan, and if no face is flat or lies on another.
+    """
+    if len(faces) > _MOST_FACES or not np.isfinite(vertices).all() or _share_places(vertices):
+        return False
+    faces = np.ascontiguousarray(faces, np.int32)
+    starts, corners = corner_table(faces, len(vertices))
+    opposite = opposites(faces, starts, corners)
+    if not edges_pair_up(faces, opposite, len(vertices)) or not whole_fans(starts, corners, opposite).all():
+        return False
+    # Twice what counts as flat, so that rounding decides nothing.
+    suspects = suspect_faces(vertices, faces, opposite, 2 * _FLAT)
+    return not suspects.any()
+
+
+def _share_places(vertices: Array) -> bool:
+    """Tell whether some vertices may lie exactly in one place."""
+    mixed = _mixed_bits(vertices)
+    mixed.sort()
+    return bool((mixed[1:] == mixed[:-1]).any())
+
+
+def _mixed_bits(vertices: Array) -> Array:
+    """Return one number per vertex (N,) uint64 that is the same for those in one place, and hardly ever for others."""
+    mixed = np.zeros(len(vertices), np.uint64)
+    for axis in range(3):
+        # Zero is added to make one of the two zeros.
+        mixed ^= (vertices[:, axis] + 0.0).view(np.uint64)
+        mixed *= np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    return mixed
+
+
 def equal_places(vertices: Array) -> Array:
     """Return for every vertex (N,) the first one that lies exactly in its place."""
     if len(vertices) == 0:
         return np.zeros(0, np.int64)
     # Zero is added to make one of the two zeros; one sort of a mixture of the bits instead of three of the coordinates.
     bits = np.ascontiguousarray(vertices + 0.0, np.float64).view(np.uint64)
-    mixed = np.zeros(len(bits), np.uint64)
-    for axis in range(3):
-        mixed ^= bits[:, axis]
-        mixed *= np.uint64(0x9E3779B97F4A7C15)
-        mixed ^= mixed >> np.uint64(29)
+    mixed = _mixed_bits(np.asarray(vertices, np.float64))
     order = np.argsort(mixed, kind="stable")
     ordered = bits[order]
     same = mixed[order[1:]] == mixed[order[:-1]]

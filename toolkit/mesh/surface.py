@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "error", "confidence")
 # The same with a row per face, where faces are chosen.
 PER_FACE = ("uv", "measured_face", "face_picture")
+# So many rows are gone through at once, where a table of them all would be many times as large as the mesh.
+_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,10 +335,17 @@ class Surface:
 def vertex_normals(vertices: Array, faces: Array) -> Array:
     """Return area-weighted unit normals (N, 3) at the vertices; (0, 0, 1) where no face with an area meets."""
     faces = np.asarray(faces)
-    normal = np.zeros((len(vertices), 3))
-    corners = vertices[faces]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for axis in range(3):
-        normal[:, axis] = np.bincount(faces.reshape(-1), np.repeat(area[:, axis], 3), len(vertices))
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return np.where(length > 0, normal / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
+    sums = np.zeros((3, len(vertices)))
+    for at in range(0, len(faces), _AT_ONCE):
+        some = faces[at : at + _AT_ONCE]
+        corners = vertices[some]
+        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        for axis in range(3):
+            # Added one by one, in the order of the faces.
+            np.add.at(sums[axis], some.reshape(-1), np.repeat(area[:, axis], 3))
+    normal = np.empty((len(vertices), 3))
+    for at in range(0, len(vertices), _AT_ONCE):
+        some = np.ascontiguousarray(sums[:, at : at + _AT_ONCE].T)
+        length = np.linalg.norm(some, axis=1, keepdims=True)
+        normal[at : at + _AT_ONCE] = np.where(length > 0, some / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
+    return normal

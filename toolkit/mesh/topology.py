@@ -9,6 +9,14 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array
+from intaglio.kernels.connectivity import NOT_SOUGHT, least_members, opposites
+
+# Tables of more faces than this are made by kernels, whose start costs more than NumPy takes for fewer. Both give the same.
+LARGE = 200_000
+# Numbers of more directed edges than this don't fit into 32 bits.
+_MOST_EDGES = 2**31 - 1
+# So many are gone through at once, where a table of them all would be many times as large as the mesh.
+_AT_ONCE = 1 << 18
 
 
 def directed_edges(faces: Array) -> Array:
@@ -29,15 +37,60 @@ def edge_keys(edges: Array, count: int) -> Array:
 
 
 def opposite_edges(faces: Array, count: int) -> Array:
-    """Return the number (3F,) of the opposite edge of every directed edge in the order of `directed_edges`, or -1."""
-    edges = directed_edges(faces)
-    keys, back = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
+    """Return the number (3F,) of the opposite edge of every directed edge in the order of `directed_edges`, or -1.
+
+    Where several are opposite, it is the first.
+    """
+    if LARGE < len(faces) <= _MOST_EDGES // 3:
+        faces = np.ascontiguousarray(faces, np.int32)
+        opposite = opposites(faces, *corner_table(faces, count))
+        left = np.flatnonzero(opposite == NOT_SOUGHT)
+        if len(left):
+            found = _first_opposite(faces.reshape(-1)[left], faces.reshape(-1)[following(left)], count)
+            opposite[left] = np.where(found >= 0, left[found], -1)
+        return opposite
+    return _first_opposite(faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), count)
+
+
+def _first_opposite(start: Array, end: Array, count: int) -> Array:
+    """Return the number (E,) of the first edge that goes from the end of each edge to its start, or -1."""
+    keys, back = start.astype(np.int64) * count + end, end.astype(np.int64) * count + start
     sorter = np.argsort(keys, kind="stable")
     at = np.searchsorted(keys, back, sorter=sorter)
     if len(keys) == 0:
         return at
     hit = sorter[np.minimum(at, len(keys) - 1)]
     return np.where(keys[hit] == back, hit, -1)
+
+
+def corner_table(faces: Array, count: int) -> tuple[Array, Array]:
+    """Return the corners at every vertex, ascending, int32: those of vertex i are ``corners[starts[i]:starts[i + 1]]``."""
+    ends = np.arange(0, faces.size + 1, 3, dtype=np.int32)
+    # A column of this table is a vertex, and what stands in it are its corners: turning it into columns is one pass.
+    numbers = np.arange(faces.size, dtype=np.int32)
+    table = csr_array((numbers, faces.reshape(-1).astype(np.int32, copy=False), ends), shape=(len(faces), count)).tocsc()
+    return table.indptr.astype(np.int32, copy=False), table.data
+
+
+def edges_pair_up(faces: Array, opposite: Array, count: int) -> bool:
+    """Tell whether no directed edge belongs to two faces.
+
+    Then every edge is the opposite of its opposite, and no two border edges are the same.
+
+    Parameters
+    ----------
+    faces : (F, 3) int array
+    opposite : (3F,) int array
+        Their `opposite_edges`.
+    count : int
+        How many vertices there are.
+    """
+    for at in range(0, len(opposite), _AT_ONCE):
+        there = opposite[at : at + _AT_ONCE]
+        if not ((opposite[there] == np.arange(at, at + len(there))) | (there == -1)).all():
+            return False
+    keys = np.sort(edge_keys(border_edges(faces, opposite), count))
+    return bool((keys[1:] != keys[:-1]).all())
 
 
 def following(edges: Array) -> Array:
@@ -57,12 +110,16 @@ def unique_edges(faces: Array) -> Array:
     return np.stack(np.divmod(keys, count), axis=1).astype(faces.dtype)
 
 
-def border_edges(faces: Array) -> Array:
-    """Return directed edges (B, 2) that have a face on their left and none on their right."""
-    edges = directed_edges(faces)
-    count = int(faces.max()) + 1 if len(faces) else 0
-    keys, opposite = edge_keys(edges, count), edge_keys(edges[:, ::-1], count)
-    return edges[~np.isin(keys, opposite)]
+def border_edges(faces: Array, opposite: Array | None = None) -> Array:
+    """Return directed edges (B, 2) that have a face on their left and none on their right.
+
+    ``opposite`` are the `opposite_edges`, if they are known.
+    """
+    if opposite is None:
+        opposite = opposite_edges(faces, int(faces.max()) + 1 if len(faces) else 0)
+    border = np.flatnonzero(opposite < 0)
+    corners = faces.reshape(-1)
+    return np.stack([corners[border], corners[following(border)]], axis=1)
 
 
 def border_loops(faces: Array) -> list[Array]:
@@ -91,10 +148,23 @@ def border_loops(faces: Array) -> list[Array]:
 
 def pieces(faces: Array, count: int) -> tuple[int, Array]:
     """Return the number of connected pieces and the piece (count,) of every vertex; an unused vertex is a piece by itself."""
+    if len(faces) > LARGE and count <= _MOST_EDGES:
+        a, b, c = (np.ascontiguousarray(faces[:, k], np.int32) for k in range(3))
+        return numbered_sets(count, [(a, b), (b, c)])
     e = directed_edges(faces)
     graph = coo_array((np.ones(len(e), bool), (e[:, 0], e[:, 1])), shape=(count, count))
     number, label = connected_components(graph, directed=False)
     return int(number), label
+
+
+def numbered_sets(count: int, pairs: list[tuple[Array, Array]]) -> tuple[int, Array]:
+    """Return how many sets ``count`` things are in whose pairs (two int32 arrays) are joined, and the set (count,) of each.
+
+    Sets are numbered by their first members, as SciPy numbers connected components. A pair whose second is negative is none.
+    """
+    root = least_members(count, pairs)
+    number = np.cumsum(root == np.arange(count, dtype=np.int32), dtype=np.int32)
+    return int(number[-1]) if count else 0, (number - 1)[root]
 
 
 @dataclass(frozen=True)
@@ -141,6 +211,12 @@ class Topology:
             (order // 3).astype(np.int32),
             across.reshape(-1, 3).astype(np.int32),
         )
+
+
+def face_areas(points: Array, faces: Array) -> Array:
+    """Return the areas (F,) of triangles (F, 3) over points (N, 3)."""
+    corners = points[faces]
+    return np.asarray(0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
 
 
 def largest_faces(faces: Array, points: Array) -> Array:

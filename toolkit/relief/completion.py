@@ -401,7 +401,9 @@ class PreparedRelief:
         if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
             flat = ("the scan has no relief over its base: what was filled is the smooth surface",)
         if settings.method == "pieces":
-            allowed = None if chosen is None else chosen[ground.kept]
+            near = isinstance(exemplar, str) and exemplar == "near"
+            everything = np.ones(len(self.surface.vertices), bool) if chosen is None else chosen
+            allowed = None if near else everything[ground.kept]
             filled = fill_regions(ground, allowed, settings, resources, progress)
             return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
         comparison = compare_by(ground, settings.color_weight)

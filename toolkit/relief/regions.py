@@ -31,7 +31,7 @@ def fill_regions(
     ----------
     ground : Ground
     allowed : (M,) bool array or None
-        Which of the measured vertices relief may be taken from.
+        Which of the measured vertices relief may be taken from; None for those around each hole.
     settings : ReliefSettings
     resources : Resources
     progress : callable, optional
@@ -60,7 +60,7 @@ def fill_regions(
     found: list[CoherentFilling] = []
     for number, targets in enumerate(holes):
         whole = len(holes) == 1
-        region, keep = (ground, np.ones(count, bool)) if whole else ground.around(targets)
+        region, keep = (ground, np.ones(count, bool)) if whole else ground.around(targets, near=may is None)
 
         def report(done: int, total: int, number: int = number) -> None:
             if progress is not None:
@@ -68,7 +68,7 @@ def fill_regions(
 
         filling = fill_coherently(
             region,
-            None if may is None else _restricted(may, keep),
+            None if may is None else may[keep],
             turning=turning,
             mirrored=settings.mirror,
             seed=resources.seed + number,
@@ -90,12 +90,6 @@ def fill_regions(
         scales = [f.scale for f in found]
         notes += (f"base laid at wave lengths of {min(scales):.6g} to {max(scales):.6g}, by the size of each hole",)
     return out.filled(notes)
-
-
-def _restricted(allowed: Array, keep: Array) -> Array | None:
-    """Return which vertices of a part may be taken; None, which is all, where none of the exemplar's lies in it."""
-    own = allowed[keep]
-    return own if own.any() else None
 
 
 def _holes(ground: Ground) -> list[Array]:

@@ -95,12 +95,9 @@ class SurfaceTables:
         cell = np.floor(self.foot[vertices] / (_CELL * step)).astype(np.int64)
         chosen = np.sort(np.unique(cell, axis=0, return_index=True)[1])
         stands = cKDTree(self.foot[vertices[chosen]]).query(self.foot[vertices])[1]
-        # What faces another way lies on another sheet: it stands for itself.
+        # What faces another way lies on another sheet: it stands for itself alone.
         odd = np.einsum("ij,ij->i", normal[vertices], normal[vertices[chosen[stands]]]) < _SAME_SHEET
-        chosen = np.union1d(chosen, np.flatnonzero(odd))
-        number = np.full(len(vertices), -1)
-        number[chosen] = np.arange(len(chosen))
-        stands = np.where(number >= 0, number, cKDTree(self.foot[vertices[chosen]]).query(self.foot[vertices])[1])
+        chosen, stands = np.unique(np.where(odd, np.arange(len(vertices)), chosen[stands]), return_inverse=True)
         j, i = vertices, vertices[chosen[stands]]
         return vertices[chosen], stands, _angles(u, v, i, j)
 

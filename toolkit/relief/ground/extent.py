@@ -16,6 +16,8 @@ Extent = str | Sequence[float] | None
 
 # More targets than this are refused: a spacing mistyped by a factor of a thousand would fill the memory.
 _MOST_TARGETS = 4_000_000
+# So many faces are measured at once.
+_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -52,18 +54,35 @@ def sampling_distance(feet: Array, faces: Array, median: bool = False) -> tuple[
     the median: where the scan's own triangles are of many sizes, targets much finer than most of them would copy single
     vertices side by side, which is rougher than the scan.
     """
-    e = directed_edges(faces)
-    length = np.linalg.norm(feet[e[:, 0]] - feet[e[:, 1]], axis=1)
-    length = length[length > 0]
+    length = np.empty(3 * len(faces))
+    for at in range(0, len(faces), _AT_ONCE):
+        corners = feet[faces[at : at + _AT_ONCE]]
+        steps = (corners - np.roll(corners, -1, axis=1)).reshape(-1, 3)
+        length[3 * at : 3 * at + len(steps)] = np.linalg.norm(steps, axis=1)
+    if not length.all():
+        length = length[length > 0]
     if len(length) == 0:
         raise InputError("all edges of the scan have length zero on the base: no sampling distance can be found")
-    low, middle, least = float(np.quantile(length, 0.05)), float(np.median(length)), float(length.min())
+    low, middle, least = _order_statistics(length)
     if median:
         spacing, rule = middle, "the median"
     else:
         spacing = max(low, 0.5 * middle)
         rule = "the 5 % quantile" if low >= 0.5 * middle else "half the median"
     return spacing, f"spacing {spacing:.6g}: {rule} of the scan's edge lengths (minimum {least:.6g}, median {middle:.6g})"
+
+
+def _order_statistics(values: Array) -> tuple[float, float, float]:
+    """Return the 5 % quantile, the median and the least of values, as NumPy computes them; the values are put in another order.
+
+    What is looked for is put in its place once, and nothing is copied.
+    """
+    last = len(values) - 1
+    at = 0.05 * last
+    low = int(at)
+    values.partition(sorted({low, min(low + 1, last), last // 2, (last + 1) // 2}))
+    quantile = float(np.quantile(values[low : low + 2], at - low)) if low < last else float(values[low])
+    return quantile, float(np.mean(values[last // 2 : (last + 1) // 2 + 1])), float(values[: low + 1].min())
 
 
 def region_to_complete(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -12,13 +13,15 @@ from scipy.sparse.csgraph import connected_components
 from intaglio.arrays import Array
 from intaglio.checks import check_fields
 from intaglio.errors import InputError
-from intaglio.mesh import directed_edges, following, opposite_edges
+from intaglio.mesh import LARGE, face_areas, following, numbered_sets, opposite_edges
 
 Holes = str | int | Sequence[int] | None
 
 # The border of a piece that encloses the largest area is where the scan ends if that area is more than _OUTER of the piece's
 # own; any other border is if its area is more than _LARGER of the piece's.
 _OUTER, _LARGER = 0.2, 1.0
+# So many faces are measured at once.
+_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,33 @@ class Hole:
         return f"{what} {self.number}: {len(self.loop)} edges, rim {self.length:.6g} long, area {self.area:.6g}, at ({at})"
 
 
-def find_holes(vertices: Array, faces: Array) -> list[Hole]:
+class Borders:
+    """The borders of a scan: found once, whoever asks for them.
+
+    Parameters
+    ----------
+    vertices, faces : (N, 3), (F, 3) arrays
+        As given.
+    """
+
+    def __init__(self, vertices: Array, faces: Array) -> None:
+        self.vertices, self.faces = vertices, faces
+
+    def __bool__(self) -> bool:
+        return bool((self.opposite < 0).any())
+
+    @cached_property
+    def opposite(self) -> Array:
+        """The `opposite_edges` (3F,) of the faces."""
+        return opposite_edges(self.faces, len(self.vertices))
+
+    @cached_property
+    def holes(self) -> list[Hole]:
+        """The holes, as `find_holes` finds them."""
+        return find_holes(self.vertices, self.faces, self.opposite)
+
+
+def find_holes(vertices: Array, faces: Array, opposite: Array | None = None) -> list[Hole]:
     """Return all border loops of a triangulated scan, longest first.
 
     A border that touches itself in a vertex is cut there into several.
@@ -103,11 +132,13 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
     ----------
     vertices, faces : (N, 3), (F, 3) arrays
         No directed edge may belong to two faces.
+    opposite : (3F,) int array, optional
+        The `opposite_edges`, where they are known.
     """
     if len(faces) == 0:
         return []
-    edges = directed_edges(faces)
-    opposite = opposite_edges(faces, len(vertices))
+    if opposite is None:
+        opposite = opposite_edges(faces, len(vertices))
     border = np.flatnonzero(opposite < 0)
     # The following border edge is found by turning about the end vertex, through its fan of faces, until none is left.
     ahead = following(border)
@@ -117,9 +148,9 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
         inside = inside[opposite[ahead[inside]] >= 0]
     step = dict(zip(border.tolist(), ahead.tolist(), strict=True))
     label = _face_pieces(opposite)
-    corners = vertices[faces]
-    face_area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    piece_area = np.bincount(label, face_area)
+    piece_area = np.zeros(int(label.max()) + 1)
+    for at in range(0, len(faces), _AT_ONCE):
+        np.add.at(piece_area, label[at : at + _AT_ONCE], face_areas(vertices, faces[at : at + _AT_ONCE]))
     loops: list[tuple[float, Array, int]] = []
     for first in border.tolist():
         if first not in step:
@@ -129,7 +160,7 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
         while edge != first:
             loop.append(edge)
             edge = step.pop(edge)
-        loops += [(_length(vertices[rim]), rim, int(label[first // 3])) for rim in _simple(edges[loop, 0])]
+        loops += [(_length(vertices[rim]), rim, int(label[first // 3])) for rim in _simple(faces.reshape(-1)[loop])]
     loops.sort(key=lambda entry: -entry[0])
     holes: list[Hole] = []
     for number, (length, rim, piece) in enumerate(loops, 1):
@@ -146,8 +177,12 @@ def find_holes(vertices: Array, faces: Array) -> list[Hole]:
 
 def _face_pieces(opposite: Array) -> Array:
     """Return the piece (F,) of every face; pieces that share only a vertex are two."""
-    joined = np.flatnonzero(opposite >= 0)
     count = len(opposite) // 3
+    if count > LARGE:
+        across = opposite.astype(np.int32, copy=False).reshape(-1, 3) // np.int32(3)
+        face = np.arange(count, dtype=np.int32)
+        return numbered_sets(count, [(face, np.ascontiguousarray(across[:, k])) for k in range(3)])[1]
+    joined = np.flatnonzero(opposite >= 0)
     graph = coo_array((np.ones(len(joined), bool), (joined // 3, opposite[joined] // 3)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1])
 

@@ -14,7 +14,7 @@ from intaglio.mesh import Base, SmoothBase, Surface, Topology, face_the_scan, pi
 from intaglio.relief.ground.extent import Extent, region_to_complete, sampling_distance
 from intaglio.relief.ground.filling import fill_smoothly
 from intaglio.relief.ground.frames import local_frames
-from intaglio.relief.ground.holes import Hole, Holes, choose_holes, find_holes
+from intaglio.relief.ground.holes import Borders, Hole, Holes, choose_holes
 from intaglio.relief.ground.scan import check_joined, check_scan, choose_base, pieces_on_base
 from intaglio.relief.ground.triangulation import fill_base
 
@@ -121,7 +121,7 @@ class Ground:
         """Signed displacement (N,) along the base normal; 0 at targets."""
         return np.einsum("ij,ij->i", self.vertices - self.foot, self.normal)
 
-    def around(self, targets: Array) -> tuple[Ground, Array]:
+    def around(self, targets: Array, *, near: bool = True) -> tuple[Ground, Array]:
         """Return the part of the ground around some targets, and which vertices (N,) it holds.
 
         Other targets are left out.
@@ -130,19 +130,22 @@ class Ground:
         ----------
         targets : (T,) int array
             All targets of a hole, or of several.
+        near : bool
+            Leave out what was measured far from them, too.
         """
         own = np.zeros(len(self.measured), bool)
         own[targets] = True
-        near = _surroundings(self.vertices, self.faces, self.vertices[targets], self.spacing) & self.measured
-        keep = near | own
+        keep = self.measured | own
+        if near:
+            keep &= _surroundings(self.vertices, self.faces, [self.vertices[targets]], self.spacing) | own
         number = np.cumsum(keep) - 1
-        faces = self.faces[keep[self.faces].all(axis=1)]
+        faces = self.faces[_whole(self.faces, keep)]
         # What hangs on the rest by a vertex alone would be a piece of its own.
         label = pieces(number[faces], int(keep.sum()))[1]
         joined = np.isin(label, label[number[targets]])
         keep[np.flatnonzero(keep)[~joined]] = False
         number = np.cumsum(keep) - 1
-        faces = number[self.faces[keep[self.faces].all(axis=1)]].astype(np.int32)
+        faces = number[self.faces[_whole(self.faces, keep)]].astype(np.int32)
         base = self.base
         if isinstance(base, SmoothBase):
             base = replace(base, vertices=self.foot[keep], faces=faces, normals=self.normal[keep])
@@ -175,28 +178,28 @@ def prepare_ground(
     """
     options = GroundOptions() if options is None else options
     vertices, faces = surface.vertices, surface.faces
-    check_scan(surface)
+    borders = check_scan(surface)
     if options.relief_scale is not None:
         options = replace(options, relief_scale=checked_positive("relief_scale", options.relief_scale))
     notes: list[str] = []
     asked = options.asks_for_holes()
     if asked and not (isinstance(base, str) and base in ("auto", "smooth")):
         raise InputError(f"{asked} goes with base='smooth' or 'auto', not with a {getattr(base, 'kind', base)}; leave it None")
-    chosen = "smooth" if asked else choose_base(vertices, faces, base, notes)
+    chosen = "smooth" if asked else choose_base(borders, base, notes)
     if isinstance(chosen, str):
         if options.extent not in (None, "holes"):
             raise InputError(
                 f"extent={options.extent!r} goes with a plane, cylinder or sphere; a smooth base fills holes: see holes="
             )
-        laid = _over_scan(vertices, faces, options, device, notes)
+        laid = _over_scan(borders, options, device, notes)
     else:
         try:
             laid = _over_base(chosen, vertices, faces, options.spacing, options.extent, notes)
         except InputError as problem:
-            if base != "auto" or options.extent not in (None, "holes") or all(h.outer for h in find_holes(vertices, faces)):
+            if base != "auto" or options.extent not in (None, "holes") or all(h.outer for h in borders.holes):
                 raise
             notes = [f"base: the smoothed scan, since on a {chosen.kind} {problem}"]
-            laid = _over_scan(vertices, faces, options, device, notes)
+            laid = _over_scan(borders, options, device, notes)
     scanned = int(laid.kept.sum())
     count = len(laid.foot)
     check_joined(laid.faces, count, scanned)
@@ -286,15 +289,19 @@ def _over_base(base: Base, vertices: Array, faces: Array, spacing: float | None,
     )
 
 
-def _over_scan(vertices: Array, faces: Array, options: GroundOptions, device: str, notes: list[str]) -> _Laid:
+def _over_scan(borders: Borders, options: GroundOptions, device: str, notes: list[str]) -> _Laid:
     """Fill holes of the scan smoothly, and smooth the scan itself."""
-    taken, faces, note = pieces_on_base(None, vertices, faces)
+    vertices = borders.vertices
+    taken, faces, note = pieces_on_base(None, vertices, borders.faces)
     if note:
         notes.append(note)
-    kept, vertices = taken, vertices[taken]
+    kept = taken
+    if not taken.all():
+        vertices = vertices[taken]
+        borders = Borders(vertices, faces)
     spacing, note = _spacing(options.spacing, vertices, faces, middle=True)
     notes.append(note)
-    every = find_holes(vertices, faces)
+    every = borders.holes
     chosen = choose_holes(every, options.holes, options.hole_size)
     open_left = len(every) - len(chosen)
     notes.append(
@@ -313,15 +320,14 @@ def _over_scan(vertices: Array, faces: Array, options: GroundOptions, device: st
             )
         notes.append(f"relief scale {relief_scale:.6g}: as given")
     if options.near:
-        near = np.zeros(len(vertices), bool)
-        for hole in chosen:
-            near |= _surroundings(vertices, faces, vertices[hole.loop], spacing)
+        near = _surroundings(vertices, faces, [vertices[hole.loop] for hole in chosen], spacing)
         if near.sum() < len(near):
             notes.append(f"{near.sum()} of {len(near)} vertices lie near a hole: relief comes from these")
             kept = taken.copy()
             kept[taken] = near
             chosen, every = ([_renumbered(hole, near) for hole in holes if near[hole.loop].all()] for holes in (chosen, every))
-            vertices, faces = vertices[near], (np.cumsum(near) - 1)[faces[near[faces].all(axis=1)]].astype(np.int32)
+            faces = (np.cumsum(near, dtype=np.int32) - 1)[faces[_whole(faces, near)]]
+            vertices = vertices[near]
     filling = fill_smoothly(vertices, faces, chosen, every, spacing, relief_scale, device)
     notes += filling.notes
     return _Laid(
@@ -350,15 +356,35 @@ def _spacing(spacing: float | None, foot: Array, faces: Array, middle: bool = Fa
     return spacing, f"spacing {spacing:.6g}: as given"
 
 
-def _surroundings(vertices: Array, faces: Array, rim: Array, spacing: float) -> Array:
-    """Return which vertices (N,) lie around a hole whose rim or targets are at ``rim`` (K, 3)."""
-    center = 0.5 * (rim.min(axis=0) + rim.max(axis=0))
-    radius = float(np.linalg.norm(rim - center, axis=1).max())
-    near = np.linalg.norm(vertices - center, axis=1) <= _NEAR * radius + _MARGIN * spacing
-    # Vertices that no face of the part uses would belong to nothing.
+def _surroundings(vertices: Array, faces: Array, rims: list[Array], spacing: float) -> Array:
+    """Return which vertices (N,) lie around holes whose rims or targets are at ``rims``, (K, 3) each."""
+    balls = []
+    around = np.zeros(len(vertices), bool)
+    for rim in rims:
+        center = 0.5 * (rim.min(axis=0) + rim.max(axis=0))
+        reach = _NEAR * float(np.linalg.norm(rim - center, axis=1).max()) + _MARGIN * spacing
+        # Few lie in the slab along the first axis, and the distances of these alone are looked at.
+        slab = np.flatnonzero(np.abs(vertices[:, 0] - center[0]) <= reach)
+        near = slab[np.linalg.norm(vertices[slab] - center, axis=1) <= reach]
+        balls.append(near)
+        around[near] = True
+    own = faces[_whole(faces, around)]
     used = np.zeros(len(vertices), bool)
-    used[faces[near[faces].all(axis=1)]] = True
-    return near & used
+    if len(balls) == 1:
+        used[own] = True
+        return used
+    near = np.zeros(len(vertices), bool)
+    for ball in balls:
+        near[ball] = True
+        # Vertices that no face of the part uses would belong to nothing.
+        used[own[_whole(own, near)]] = True
+        near[ball] = False
+    return used
+
+
+def _whole(faces: Array, kept: Array) -> Array:
+    """Return which faces (F,) have all their corners among those that are kept (N,)."""
+    return np.asarray(kept[faces[:, 0]] & kept[faces[:, 1]] & kept[faces[:, 2]])
 
 
 def _renumbered(hole: Hole, near: Array) -> Hole:

@@ -18,12 +18,14 @@ from intaglio.mesh import (
     border_edges,
     directed_edges,
     edge_keys,
+    edges_pair_up,
     equal_places,
+    face_areas,
     pieces,
     used_vertices,
 )
 from intaglio.relief.ground.fit import KINDS, fit_base
-from intaglio.relief.ground.holes import Hole, find_holes
+from intaglio.relief.ground.holes import Borders, Hole, find_holes
 
 # A piece of the scan lies on the base if its median distance from it is at most this many robust deviations of the largest piece.
 _ON_BASE = 4.0
@@ -31,30 +33,39 @@ _ON_BASE = 4.0
 _MOST_SHAPE = 0.5
 # A piece of a few triangles holds no relief to copy, and would only be an island on the base.
 _SMALLEST_PIECE = 50
+# So many faces are looked at at once for one that has an area.
+_AT_ONCE = 1 << 16
 
 
-def check_scan(surface: Surface) -> None:
-    """Raise `InputError` for a mesh whose relief can't be completed, saying what is wrong and what would be right."""
-    check_faces(surface)
-    if len(border_edges(surface.faces)) == 0:
+def check_scan(surface: Surface) -> Borders:
+    """Return the borders of a scan.
+
+    Raises
+    ------
+    InputError
+        For a mesh whose relief can't be completed; the message says what is wrong and what would be right.
+    """
+    borders = check_faces(surface)
+    if not borders:
         raise InputError("the surface has no border and no holes: nothing is missing, nothing to complete")
+    return borders
 
 
-def check_faces(surface: Surface) -> None:
-    """Raise `InputError` for faces that don't fit together, saying what is wrong and what would be right."""
+def check_faces(surface: Surface) -> Borders:
+    """Return the borders of a mesh, or raise `InputError` for faces that don't fit together, saying what would be right."""
     vertices, faces = surface.vertices, surface.faces
     if len(vertices) == 0 or len(faces) == 0:
         raise InputError(f"the surface is empty: {len(vertices)} vertices, {len(faces)} faces")
-    corners = vertices[faces]
-    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    first, second, third = faces.T
+    repeated = (first == second) | (second == third) | (third == first)
     if repeated.any():
         raise InputError(
             f"{repeated.sum()} faces name one vertex twice, the first is face {np.flatnonzero(repeated)[0]}; "
             "intaglio.mend_surface(surface) leaves them out"
         )
-    keys = edge_keys(directed_edges(faces), len(vertices))
-    unique, counts = np.unique(keys, return_counts=True)
-    if (counts > 1).any():
+    borders = Borders(vertices, faces)
+    if not edges_pair_up(faces, borders.opposite, len(vertices)):
+        unique, counts = np.unique(edge_keys(directed_edges(faces), len(vertices)), return_counts=True)
         a, b = divmod(int(unique[counts > 1][0]), len(vertices))
         raise InputError(
             f"{(counts > 1).sum()} edges are traversed twice in the same direction, the first from vertex {a} to {b}: "
@@ -63,16 +74,18 @@ def check_faces(surface: Surface) -> None:
         )
     # What has been mended may have vertices in one place, where sheets touch that don't join.
     if surface.file_vertex is None:
-        border = border_edges(faces)
-        place = equal_places(vertices)[border]
-        joinable = int(np.isin(edge_keys(place, len(vertices)), edge_keys(place[:, ::-1], len(vertices))).sum()) // 2
+        border = border_edges(faces, borders.opposite)
+        rim = np.unique(border)
+        place = equal_places(vertices[rim])[np.searchsorted(rim, border)]
+        joinable = int(np.isin(edge_keys(place, len(rim)), edge_keys(place[:, ::-1], len(rim))).sum()) // 2
         if joinable:
             raise InputError(
                 f"{joinable} pairs of border edges lie exactly on one another: faces that should be joined are not; "
                 "intaglio.mend_surface(surface) joins them"
             )
-    if not (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0).any():
+    if not any((face_areas(vertices, faces[at : at + _AT_ONCE]) > 0).any() for at in range(0, len(faces), _AT_ONCE)):
         raise InputError("all faces have area zero: the surface is a line or a point")
+    return borders
 
 
 @checked_arguments
@@ -111,13 +124,15 @@ def list_holes(surface: Surface) -> list[Hole]:
     """
     if not isinstance(surface, Surface):
         raise InputError(f"surface must be an intaglio.Surface, not {type(surface).__name__}; read_surface(path) gives one")
-    check_faces(surface)
+    borders = check_faces(surface)
     kept, faces, _ = pieces_on_base(None, surface.vertices, surface.faces)
+    if kept.all():
+        return borders.holes
     numbers = np.flatnonzero(kept).astype(np.int32)
     return [replace(hole, loop=numbers[hole.loop]) for hole in find_holes(surface.vertices[kept], faces)]
 
 
-def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str]) -> Base | str:
+def choose_base(borders: Borders, base: Base | str, notes: list[str]) -> Base | str:
     """Return the base as given or fitted, or "smooth", and add to ``notes`` what was chosen and why.
 
     "auto" takes the plane, cylinder or sphere that fits best. If none fits, two fit equally well, or most of the distances from
@@ -139,11 +154,14 @@ def choose_base(vertices: Array, faces: Array, base: Base | str, notes: list[str
         )
     if base == "smooth":
         return base
-    fitted = fit_base(vertices[used_vertices(faces, len(vertices))], KINDS if base == "auto" else (base,))
+    vertices = borders.vertices
+    used = used_vertices(borders.faces, len(vertices))
+    points = vertices if used.all() else vertices[used]
+    fitted = fit_base(points, KINDS if base == "auto" else (base,))
     assert fitted.fit is not None
-    share = _shape_share(fitted, vertices[used_vertices(faces, len(vertices))])
+    share = _shape_share(fitted, points)
     unfit = fitted.fit.ambiguous or fitted.fit.poor or share > _MOST_SHAPE
-    if base == "auto" and unfit and not all(h.outer for h in find_holes(vertices, faces)):
+    if base == "auto" and unfit and not all(h.outer for h in borders.holes):
         why = "no plane, cylinder or sphere fits the scan"
         if fitted.fit.ambiguous:
             why = "two kinds fit equally well"
@@ -174,10 +192,15 @@ def _shape_share(base: Base, points: Array) -> float:
     cell = float(np.linalg.norm(points.max(axis=0) - low)) / 10
     if variance <= (1e-6 * cell) ** 2:
         return 0.0
-    _, own = np.unique(np.floor((points - low) / cell).astype(np.int64), axis=0, return_inverse=True)
-    own = own.reshape(-1)
+    # There are at most eleven cells along an axis.
+    own = np.zeros(len(points), np.int32)
+    for axis in range(3):
+        own *= 16
+        own += np.floor((points[:, axis] - low[axis]) / cell).astype(np.int32)
     count = np.bincount(own)
-    mean = np.bincount(own, distance) / count
+    held = count > 0
+    mean = np.bincount(own, distance)[held] / count[held]
+    count = count[held]
     return float((count * (mean - distance.mean()) ** 2).sum() / (len(points) * variance))
 
 
@@ -196,21 +219,23 @@ def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tup
     kept : (N,) bool array
         The vertices of the chosen pieces.
     faces : (F', 3) int32 array
-        Their faces, renumbered.
+        Their faces, renumbered; where all are chosen, the given ones.
     note : str
         What was left out; empty if nothing was.
     """
     number, label = pieces(faces, len(vertices))
     used = used_vertices(faces, len(vertices))
-    sizes = np.bincount(label[used], minlength=number)
+    sizes = np.bincount(label[used] if number > 1 else np.zeros(int(used.sum()), np.int8), minlength=number)
     largest = int(np.argmax(sizes))
-    main = used & (label == largest)
     enough = np.flatnonzero(sizes >= _SMALLEST_PIECE).tolist()
     if distance is not None:
+        main = used & (label == largest)
         size = float(np.linalg.norm(np.ptp(vertices[main], axis=0)))
         tolerance = _ON_BASE * max(1.4826 * float(np.median(distance[main])), 1e-9 * size)
         enough = [p for p in enough if np.median(distance[used & (label == p)]) <= tolerance]
-    taken = np.isin(label, np.array([largest, *enough])) & used
+    chosen = np.zeros(number, bool)
+    chosen[[largest, *enough]] = True
+    taken = chosen[label] & used
     real = int((sizes > 0).sum())
     note = ""
     if real > 1 or not used.all():
@@ -220,8 +245,10 @@ def pieces_on_base(distance: Array | None, vertices: Array, faces: Array) -> tup
             f"the scan is in {real} pieces: {len({largest, *enough})} {where}taken ({taken.sum()} vertices), the "
             f"others left out ({left} vertices), {int((~used).sum())} vertices in no face"
         )
-    renumber = np.cumsum(taken) - 1
-    return taken, renumber[faces[taken[faces].all(axis=1)]].astype(np.int32), note
+    if taken.all():
+        return taken, faces.astype(np.int32, copy=False), note
+    renumber = np.cumsum(taken, dtype=np.int32) - 1
+    return taken, renumber[faces[taken[faces[:, 0]]]].astype(np.int32, copy=False), note
 
 
 def check_joined(faces: Array, count: int, scanned: int) -> None:
