@@ -81,6 +81,18 @@ class HoleChoice(click.ParamType):
             self.fail(f"{value!r} is not all, largest, every, list, or numbers like 1,3", param, ctx)
 
 
+class ExemplarChoice(click.ParamType):
+    """near, all, or four comma-separated numbers: a ball's centre and radius."""
+
+    name = "exemplar"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...]:
+        """Return the word or the numbers."""
+        if value in ("near", "all"):
+            return str(value)
+        return Numbers(4).convert(value, param, ctx)
+
+
 def grouped(name: str, make: Callable[..., Any], *options: Callable[..., Any]) -> Callable[..., Any]:
     """Add options to a command, which gets what ``make`` makes of their values as one argument ``name``.
 

@@ -9,12 +9,12 @@ from typing import Any
 import click
 
 import intaglio
-from intaglio.cli.options import Extent, FilePath, HoleChoice, Numbers, common, known_suffix
+from intaglio.cli.options import ExemplarChoice, Extent, FilePath, HoleChoice, Numbers, common, known_suffix
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE, files_beside
 from intaglio.progress import ProgressBar
-from intaglio.relief import FRAMES, METRICS, ORDERS, PARTNERS, RULES, SEARCHES
+from intaglio.relief import FRAMES, METHODS, METRICS, ORDERS, PARTNERS, RULES, SEARCHES
 
 # Options of the command by where they belong.
 _PREPARED = ("base", "extent", "holes", "hole_size", "relief_scale", "spacing", "reference", "device")
@@ -33,6 +33,8 @@ _SETTINGS = (
     "subsample",
     "partners",
     "interpolate",
+    "method",
+    "mirror",
 )
 
 
@@ -50,13 +52,16 @@ _SETTINGS = (
 @click.option("--holes", type=HoleChoice(), default=None, help="all (default), largest, every, or numbers; list: show and stop.")
 @click.option("--hole-size", type=Numbers(2), default=None, help="low,high: only holes whose rim is so long.")
 @click.option("--relief-scale", type=float, default=None, help="Smooth base: longer waves are shape; default 12 spacings.")
+@click.option("--method", type=click.Choice(METHODS), default=None, help="Default pieces; propagation with one of its options.")
+@click.option("--exemplar", type=ExemplarChoice(), default="near", show_default=True, help="near, all, or a ball x,y,z,radius.")
+@click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
 @click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default from the relief.")
 @click.option("--error", type=float, default=None, help="Largest accepted mean squared distance; default from the noise.")
 @click.option("--rotations", type=int, default=None, help="Rotations tried; default 1 where relief has a direction, else 12.")
 @click.option("--levels", type=int, default=1, show_default=True, help="Scales: completed coarse to fine.")
 @click.option("--color-weight", type=float, default=None, help="0 to 1: how much colour counts beside shape.")
 @click.option("--search", type=click.Choice(SEARCHES), default="auto", show_default=True)
-@click.option("--refine", type=int, default=None, help="Refinement passes after growth; default 3; 0: growth alone.")
+@click.option("--refine", type=int, default=None, help="Refinement passes after growth.")
 @click.option("--spacing", type=float, default=None, help="Distance between new vertices, in the scan's unit.")
 @click.option("--metric", type=click.Choice(METRICS), default="displacement", show_default=True)
 @click.option("--order", type=click.Choice(ORDERS), default="wave", show_default=True)
@@ -149,9 +154,10 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Su
     along_relief = options["frames"] == "relief"
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
     with ProgressBar("completing") as bar:
-        prepared = intaglio.prepare_relief(surface, **laid)
+        prepared = intaglio.prepare_relief(surface, near=options["exemplar"] == "near", **laid)
         return prepared.complete(
             intaglio.ReliefSettings(selection=selection, along_relief=along_relief, **settings),
+            exemplar=options["exemplar"],
             seed=options["seed"],
             memory=click.get_current_context().params["memory"],
             progress=bar.update,
