@@ -159,6 +159,41 @@ def _flat_or_folded(
     suspect[f] = wp.uint8(result)
 
 
+@wp.kernel
+def _edge_lengths(start: int, points: wp.array2d[wp.float64], faces: wp.array[wp.int32], length: wp.array[wp.float64]):
+    """length[e] = how long edge e is."""
+    e = start + wp.tid()
+    a = faces[e]
+    b = faces[next_corner(e)]
+    x = points[a, 0] - points[b, 0]
+    y = points[a, 1] - points[b, 1]
+    z = points[a, 2] - points[b, 2]
+    # Rounded after every step, as NumPy does.
+    x = x * x
+    y = y * y
+    z = z * z
+    length[e] = wp.sqrt((x + y) + z)
+
+
+@wp.kernel
+def _face_areas(start: int, points: wp.array2d[wp.float64], faces: wp.array[wp.int32], area: wp.array[wp.float64]):
+    """area[f] = half the length of the cross product of two sides of face f."""
+    f = start + wp.tid()
+    i = faces[3 * f]
+    j = faces[3 * f + 1]
+    k = faces[3 * f + 2]
+    px = points[j, 0] - points[i, 0]
+    py = points[j, 1] - points[i, 1]
+    pz = points[j, 2] - points[i, 2]
+    qx = points[k, 0] - points[i, 0]
+    qy = points[k, 1] - points[i, 1]
+    qz = points[k, 2] - points[i, 2]
+    x = py * qz - pz * qy
+    y = pz * qx - px * qz
+    z = px * qy - py * qx
+    area[f] = wp.float64(0.5) * wp.sqrt((x * x + y * y) + z * z)
+
+
 def opposites(faces: np.ndarray, starts: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the first opposite edge (3F,) int32 of every directed edge, -1 where there is none.
 
@@ -204,6 +239,24 @@ def suspect_faces(points: np.ndarray, faces: np.ndarray, opposite: np.ndarray, f
     ]
     launch(_flat_or_folded, len(faces), inputs, [_shared(suspect)], device="cpu", work=30)
     return suspect.view(bool)
+
+
+def edge_lengths(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the lengths (3F,) float64 of the directed edges of faces (F, 3) int32 over points (N, 3) float64."""
+    length = np.empty(faces.size)
+    at = upload(points, wp.float64, "cpu", copy=False)
+    out = upload(length, wp.float64, "cpu", copy=False)
+    launch(_edge_lengths, faces.size, [at, _shared(faces.reshape(-1))], [out], device="cpu", work=10)
+    return length
+
+
+def face_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the areas (F,) float64 of faces (F, 3) int32 over points (N, 3) float64."""
+    area = np.empty(len(faces))
+    at = upload(points, wp.float64, "cpu", copy=False)
+    out = upload(area, wp.float64, "cpu", copy=False)
+    launch(_face_areas, len(faces), [at, _shared(faces.reshape(-1))], [out], device="cpu", work=20)
+    return area
 
 
 def least_members(count: int, pairs: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array
-from intaglio.kernels.connectivity import NOT_SOUGHT, least_members, opposites
+from intaglio.kernels import connectivity
 
 # Tables of more faces than this are made by kernels, whose start costs more than NumPy takes for fewer. Both give the same.
 LARGE = 200_000
@@ -43,8 +43,8 @@ def opposite_edges(faces: Array, count: int) -> Array:
     """
     if LARGE < len(faces) <= _MOST_EDGES // 3:
         faces = np.ascontiguousarray(faces, np.int32)
-        opposite = opposites(faces, *corner_table(faces, count))
-        left = np.flatnonzero(opposite == NOT_SOUGHT)
+        opposite = connectivity.opposites(faces, *corner_table(faces, count))
+        left = np.flatnonzero(opposite == connectivity.NOT_SOUGHT)
         if len(left):
             found = _first_opposite(faces.reshape(-1)[left], faces.reshape(-1)[following(left)], count)
             opposite[left] = np.where(found >= 0, left[found], -1)
@@ -162,7 +162,7 @@ def numbered_sets(count: int, pairs: list[tuple[Array, Array]]) -> tuple[int, Ar
 
     Sets are numbered by their first members, as SciPy numbers connected components. A pair whose second is negative is none.
     """
-    root = least_members(count, pairs)
+    root = connectivity.least_members(count, pairs)
     number = np.cumsum(root == np.arange(count, dtype=np.int32), dtype=np.int32)
     return int(number[-1]) if count else 0, (number - 1)[root]
 
@@ -214,9 +214,19 @@ class Topology:
 
 
 def face_areas(points: Array, faces: Array) -> Array:
-    """Return the areas (F,) of triangles (F, 3) over points (N, 3)."""
+    """Return the areas (F,) float64 of triangles (F, 3) over points (N, 3)."""
+    if len(faces) > LARGE:
+        return connectivity.face_areas(points, faces)
     corners = points[faces]
     return np.asarray(0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1))
+
+
+def edge_lengths(points: Array, faces: Array) -> Array:
+    """Return the lengths (3F,) float64 of all `directed_edges` of triangles (F, 3) over points (N, 3)."""
+    if len(faces) > LARGE:
+        return connectivity.edge_lengths(points, faces)
+    corners = points[faces]
+    return np.asarray(np.linalg.norm((corners - np.roll(corners, -1, axis=1)).reshape(-1, 3), axis=1))
 
 
 def largest_faces(faces: Array, points: Array) -> Array:

@@ -58,34 +58,39 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     taken, own = ground.taken, filled.ground
     kept, scanned = int(taken.sum()), int(ground.measured.sum())
     targets = len(ground.measured) - scanned
-    number = np.cumsum(taken) - 1
+    # Where all of the scan is in it, which is most often so, nothing of it is copied more than once.
+    all_taken = bool(taken.all())
+    number = np.cumsum(taken, dtype=np.int32) - 1
     # Where each of the ground's vertices comes to lie.
-    at = np.concatenate([number[ground.kept], kept + np.arange(targets)])
+    at = np.concatenate([number[ground.kept], np.arange(kept, kept + targets, dtype=np.int32)])
     count = kept + targets
 
     def spread(rest: Array, values: Array) -> Array:
-        out = np.concatenate([rest, np.zeros((targets, *rest.shape[1:]), rest.dtype)])
+        out = np.zeros((count, *rest.shape[1:]), rest.dtype)
+        out[:kept] = rest if len(rest) == kept else rest[taken]
         out[at] = values
         return out
 
-    vertices = spread(scan.vertices[taken], filled.vertices)
-    scan_faces = taken[scan.faces].all(axis=1)
-    faces = np.concatenate([number[scan.faces[scan_faces]], at[ground.faces[len(ground.faces) - ground.filling :]]])
-    source = np.arange(count)
+    vertices = spread(scan.vertices, filled.vertices)
+    # Pieces are taken whole: a face has all of its corners in one.
+    scan_faces = np.ones(len(scan.faces), bool) if all_taken else taken[scan.faces[:, 0]]
+    own_faces = scan.faces if all_taken else number[scan.faces[scan_faces]]
+    faces = np.concatenate([own_faces, at[ground.faces[len(ground.faces) - ground.filling :]]])
+    source = np.arange(count, dtype=np.int32)
     source[at] = np.where(filled.source >= 0, at[filled.source], -1)
     zeros = np.zeros(kept, np.float32)
     file_vertex = None
-    if scan.file_vertex is not None or not taken.all():
+    if scan.file_vertex is not None or not all_taken:
         numbers = np.arange(len(taken)) if scan.file_vertex is None else scan.file_vertex
         file_vertex = np.concatenate([numbers[taken], np.full(targets, -1)])
     whole = Surface(
         vertices=vertices,
         faces=faces,
-        base=spread(scan.vertices[taken], own.foot),
-        normal=spread(scan.normal[taken], own.normal),
-        color=None if scan.color is None or filled.color is None else spread(scan.color[taken], filled.color),
+        base=spread(scan.vertices, own.foot),
+        normal=spread(scan.normal, own.normal),
+        color=None if scan.color is None or filled.color is None else spread(scan.color, filled.color),
         measured=np.arange(count) < kept,
-        source=source.astype(np.int32),
+        source=source,
         rotation=spread(zeros, filled.rotation),
         error=spread(zeros, filled.error),
         confidence=None if filled.confidence is None else spread(np.ones(kept, np.float32), filled.confidence),
@@ -94,5 +99,7 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
         notes=scan.notes + ground.notes + notes,
         file_vertex=file_vertex,
     )
+    if scan.uv is None:
+        return whole
     u, v = (spread(np.zeros((kept, 3)), axis) for axis in (own.u, own.v))
     return texture_filling(scan, whole, taken, u, v, device=device)

@@ -10,14 +10,12 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from intaglio.arrays import Array
 from intaglio.errors import InputError
-from intaglio.mesh import Base, Cylinder, Plane, Sphere, directed_edges, perpendicular, unit
+from intaglio.mesh import Base, Cylinder, Plane, Sphere, directed_edges, edge_lengths, perpendicular, unit
 
 Extent = str | Sequence[float] | None
 
 # More targets than this are refused: a spacing mistyped by a factor of a thousand would fill the memory.
 _MOST_TARGETS = 4_000_000
-# So many faces are measured at once.
-_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -54,11 +52,7 @@ def sampling_distance(feet: Array, faces: Array, median: bool = False) -> tuple[
     the median: where the scan's own triangles are of many sizes, targets much finer than most of them would copy single
     vertices side by side, which is rougher than the scan.
     """
-    length = np.empty(3 * len(faces))
-    for at in range(0, len(faces), _AT_ONCE):
-        corners = feet[faces[at : at + _AT_ONCE]]
-        steps = (corners - np.roll(corners, -1, axis=1)).reshape(-1, 3)
-        length[3 * at : 3 * at + len(steps)] = np.linalg.norm(steps, axis=1)
+    length = edge_lengths(feet, faces)
     if not length.all():
         length = length[length > 0]
     if len(length) == 0:

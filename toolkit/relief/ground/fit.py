@@ -23,7 +23,10 @@ _INDEPENDENT_SAMPLES = 200
 _AMBIGUITY = 10.0
 # A residual above this share of the scan's diagonal is shape, not relief.
 _POOR = 0.04
-_FIT_POINTS = 6_000
+# So many points are fitted, and the residuals of so many are looked at.
+_FIT_POINTS, JUDGED = 6_000, 1_000_000
+# So many are gone through at once.
+_AT_ONCE = 1 << 16
 
 
 @checked_arguments
@@ -34,7 +37,7 @@ def fit_base(points: Array | Surface, kinds: Sequence[str] = KINDS) -> Base:
     the median absolute deviation), so that relief on one side of the base, such as dimples or bumps, pulls it little. The
     kind with the least ``n log(s^2) + k log(n)`` is chosen, where s is the mean absolute residual, k the number of
     parameters, and n the number of points, but at most 200, since neighbouring points are not independent. Of more than
-    6,000 points, 6,000 evenly spaced in index are fitted; the residuals are those of all.
+    6,000 points, 6,000 evenly spaced in index are fitted; the residuals are those of all, or of a million evenly spaced.
 
     Parameters
     ----------
@@ -82,18 +85,24 @@ def fit_base(points: Array | Surface, kinds: Sequence[str] = KINDS) -> Base:
         what = f"name an unknown base, {shown(unknown[0])}" if unknown else "name no base"
         raise InputError(f"kinds {what}; known: {', '.join(KINDS)}")
     center = points.mean(axis=0)
-    size = float(np.sqrt(((points - center) ** 2).sum(axis=1).mean()))
+    square = np.empty(len(points))
+    for at in range(0, len(points), _AT_ONCE):
+        square[at : at + _AT_ONCE] = ((points[at : at + _AT_ONCE] - center) ** 2).sum(axis=1)
+    size = float(np.sqrt(square.mean()))
     # The fits run on coordinates of unit size at the origin, since large survey coordinates would cost precision.
-    scaled = (points - center) / size
+    sample = (evenly(points, _FIT_POINTS) - center) / size
     fitters = {"plane": _fit_plane, "cylinder": _fit_cylinder, "sphere": _fit_sphere}
-    sample = scaled
-    if len(scaled) > _FIT_POINTS:
-        sample = scaled[np.linspace(0, len(scaled) - 1, _FIT_POINTS).astype(int)]
     fits = {kind: _restore(fitters[kind](sample), center, size) for kind in kinds}
-    return _choose(fits, points, size)
+    extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
+    return _choose(fits, evenly(points, JUDGED), size, extent)
 
 
-def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
+def evenly(points: Array, most: int) -> Array:
+    """Return at most so many of points (N, 3), evenly spaced in index."""
+    return points if len(points) <= most else points[np.linspace(0, len(points) - 1, most).astype(int)]
+
+
+def _choose(fits: dict[str, Base | None], points: Array, size: float, extent: float) -> Base:
     n = min(len(points), _INDEPENDENT_SAMPLES)
     floor = 1e-9 * size
     table: dict[str, tuple[float, float]] = {}
@@ -120,7 +129,6 @@ def _choose(fits: dict[str, Base | None], points: Array, size: float) -> Base:
         ambiguous = bool(margin < _AMBIGUITY)
         verdict = "the data does not decide between them" if ambiguous else "clear"
         note += f"; next {rival} with {table[rival][0]:.6g} ({verdict}, score margin {margin:.1f})"
-    extent = float(np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
     poor = best.fit.rms > _POOR * extent
     if poor:
         note += f"; poor fit, the residual is {best.fit.rms / extent:.0%} of the scan's diagonal"
@@ -136,11 +144,11 @@ def _checked(points: Array) -> Array:
         raise InputError(f"points are not finite: point {bad} is {points[bad]}")
     if len(points) < 6:
         raise FitError(f"{len(points)} points are too few to fit a base; at least 6 are needed")
-    if not 1e-100 < np.ptp(points, axis=0).max() < 1e100 and np.ptp(points, axis=0).max() > 0:
-        raise InputError(
-            f"points extend over {np.ptp(points, axis=0).max():.3g} units: choose a unit closer to the size of the object"
-        )
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    extent = float((points.max(axis=0) - points.min(axis=0)).max())
+    if not 1e-100 < extent < 1e100 and extent > 0:
+        raise InputError(f"points extend over {extent:.3g} units: choose a unit closer to the size of the object")
+    some = evenly(points, JUDGED)
+    spread = np.linalg.svd(some - some.mean(axis=0), compute_uv=False)
     if spread[0] == 0:
         raise FitError("all points are in one place; no base can be fitted")
     if spread[1] < 1e-6 * spread[0]:

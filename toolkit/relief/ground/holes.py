@@ -20,8 +20,6 @@ Holes = str | int | Sequence[int] | None
 # The border of a piece that encloses the largest area is where the scan ends if that area is more than _OUTER of the piece's
 # own; any other border is if its area is more than _LARGER of the piece's.
 _OUTER, _LARGER = 0.2, 1.0
-# So many faces are measured at once.
-_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -148,9 +146,7 @@ def find_holes(vertices: Array, faces: Array, opposite: Array | None = None) -> 
         inside = inside[opposite[ahead[inside]] >= 0]
     step = dict(zip(border.tolist(), ahead.tolist(), strict=True))
     label = _face_pieces(opposite)
-    piece_area = np.zeros(int(label.max()) + 1)
-    for at in range(0, len(faces), _AT_ONCE):
-        np.add.at(piece_area, label[at : at + _AT_ONCE], face_areas(vertices, faces[at : at + _AT_ONCE]))
+    piece_area = np.bincount(label, face_areas(vertices, faces))
     loops: list[tuple[float, Array, int]] = []
     for first in border.tolist():
         if first not in step:

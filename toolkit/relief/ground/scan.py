@@ -24,7 +24,7 @@ from intaglio.mesh import (
     pieces,
     used_vertices,
 )
-from intaglio.relief.ground.fit import KINDS, fit_base
+from intaglio.relief.ground.fit import JUDGED, KINDS, evenly, fit_base
 from intaglio.relief.ground.holes import Borders, Hole, find_holes
 
 # A piece of the scan lies on the base if its median distance from it is at most this many robust deviations of the largest piece.
@@ -186,6 +186,7 @@ def _shape_share(base: Base, points: Array) -> float:
 
     That is the variance between the means of cubic cells whose side is a tenth of the scan.
     """
+    points = evenly(points, JUDGED)
     distance = base.distance(points)
     variance = float(distance.var())
     low = points.min(axis=0)
