@@ -387,10 +387,10 @@ class Table:
             "list_holes": lambda: (it("list_holes"), {"surface": self.scan}),
             "complete_relief": lambda: (it("complete_relief"), {
                 "surface": self.scan, "base": "plane", "window": 2, "rotations": 1, "levels": 1, "refine": 0,
-                "color_weight": None, **relief, "search": "auto", "seed": 0, **quiet}),
+                "color_weight": None, **relief, "exemplar": "near", "search": "auto", "seed": 0, **quiet}),
             "prepare_relief": lambda: (it("prepare_relief"), {
                 "surface": self.scan, "base": "plane", **relief, "hole_size": None, "relief_scale": None, "frames": None,
-                "reference": None}),
+                "reference": None, "near": True}),
             "PreparedRelief.complete": lambda: (it("prepare_relief")(self.scan, "plane", extent="holes", **cpu).complete, {
                 "settings": self.it.ReliefSettings(window=2, rotations=1),
                 "exemplar": np.ones(len(self.scan.vertices), bool), "seed": 0, "memory": None, **quiet}),

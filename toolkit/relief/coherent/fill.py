@@ -31,6 +31,8 @@ _STARTS, _DEAR = 3, 10.0
 # A smooth base is relaid over the filling so often at a level; its wave length at the finest level and at the coarsest, in widths
 # of the hole, and the least and most at the finest, in spacings.
 _RELAYS = 4
+# A larger ground keeps the base that it has: to factor its system would take longer than all else.
+_MOST_RELAID = 150_000
 _FINEST_SCALE, _COARSEST_SCALE = 1.0, 2.0
 _LEAST_SCALE, _MOST_SCALE = 16.0, 40.0
 
@@ -142,7 +144,7 @@ class _Completion:
         )
         self._tables = SurfaceTables(ground, device)
         self._levels = int(np.clip(np.round(np.log2(2.0 * max(self._depth, _RINGS) / _RINGS)), 0, _MOST_LEVELS))
-        self._smooth = isinstance(ground.base, SmoothBase)
+        self._smooth = isinstance(ground.base, SmoothBase) and len(inner) <= _MOST_RELAID
         self._plates: dict[float, ThinPlate] = {}
         # Few targets spread over many sources: a source taken once is used evenly.
         self._even = max(1.0, len(self._targets) / len(self._search.sources))

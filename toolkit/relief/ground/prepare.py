@@ -20,8 +20,10 @@ from intaglio.relief.ground.triangulation import fill_base
 
 # Default of the relief scale, in spacings.
 _RELIEF_SCALE = 12
-# The surroundings of a hole reach so many of its radii, and so many spacings, from its middle.
-_NEAR, _MARGIN = 3.5, 16.0
+# The surroundings of a hole reach so many of its radii, and so many spacings, from its middle; where that is more vertices than
+# _MOST_NEAR only as far as the nearest of them, but at least _NEAREST radii.
+_NEAR, _MARGIN = 3.0, 12.0
+_MOST_NEAR, _NEAREST = 40_000, 1.7
 
 
 @dataclass(frozen=True)
@@ -362,10 +364,14 @@ def _surroundings(vertices: Array, faces: Array, rims: list[Array], spacing: flo
     around = np.zeros(len(vertices), bool)
     for rim in rims:
         center = 0.5 * (rim.min(axis=0) + rim.max(axis=0))
-        reach = _NEAR * float(np.linalg.norm(rim - center, axis=1).max()) + _MARGIN * spacing
+        radius = float(np.linalg.norm(rim - center, axis=1).max())
+        reach = _NEAR * radius + _MARGIN * spacing
         # Few lie in the slab along the first axis, and the distances of these alone are looked at.
         slab = np.flatnonzero(np.abs(vertices[:, 0] - center[0]) <= reach)
-        near = slab[np.linalg.norm(vertices[slab] - center, axis=1) <= reach]
+        away = np.linalg.norm(vertices[slab] - center, axis=1)
+        if (away <= reach).sum() > _MOST_NEAR:
+            reach = max(float(np.partition(away, _MOST_NEAR)[_MOST_NEAR]), _NEAREST * radius + _MARGIN * spacing)
+        near = slab[away <= reach]
         balls.append(near)
         around[near] = True
     own = faces[_whole(faces, around)]

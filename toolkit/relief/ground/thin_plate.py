@@ -122,16 +122,11 @@ class ThinPlate:
     """
 
     def __init__(self, points: Array, faces: Array, length: float) -> None:
-        self._points, self._faces, self._length = points, faces, length
-        self._factors = None
-        if len(points) <= DIRECT:
-            energy, self._area = _energy(points, faces, length)
-            self._factors = factor_symmetric(csr_array(energy + diags_array(self._area)))
+        energy, self._area = _energy(points, faces, length)
+        self._factors = factor_symmetric(csr_array(energy + diags_array(self._area)))
 
     def smooth(self, values: Array) -> Array:
         """Return the smoothed values (N, C)."""
-        if self._factors is None:
-            return smooth_over_surface(values, self._points, self._faces, self._length)
         offset = values.mean(axis=0)
         return np.asarray(self._factors.solve(self._area[:, None] * (values - offset))) + offset
 
