@@ -92,7 +92,7 @@ def patch_difference(target, source, weight, terms):
     if g[both].sum() < 0.5 * total:
         return UNFIT
     d = (target - source)[both]
-    mean = np.average(d[:, 0], weights=g[both])
+    mean = np.average(d[:, 0], weights=g[both]) if terms.afloat else 0.0
     height = (g[both] * (d[:, 0] - mean) ** 2).sum()
     slope = (g[both] * (d[:, 1] ** 2 + d[:, 2] ** 2)).sum()
     cost = (terms.w_height * height + terms.w_slope * slope + terms.missing * g[lost].sum()) / total
@@ -116,5 +116,6 @@ def match_cost(look, i, p, angle, mirror, terms):
     cost = patch_difference(look["values"][look["row"][i]], source, look["weight"], terms)
     cost += terms.likeness * ((look["likeness"][i] - look["likeness"][p]) ** 2).sum()
     cost += terms.direction * ((mapped(2 * angle, mirror, look["direction"][i]) - look["direction"][p]) ** 2).sum()
+    cost += 0.5 * terms.upright * (1 - np.cos(angle))
     far = np.linalg.norm(look["foot"][i] - look["foot"][p]) / terms.reach
     return cost + terms.locality * min(far, 1.0) + terms.use * look["used"][p]
