@@ -335,6 +335,8 @@ def test_a_part_of_the_ground_holds_one_hole_and_what_surrounds_it():
     distance = np.hypot(*(ground.foot[:, :2] - (15, 45)).T)
     assert keep[ground.measured & (distance < 12)].all()
     assert not keep[distance > 40].any()
+    # All that was measured, if that is asked for, but still no other hole's targets.
+    np.testing.assert_array_equal(np.flatnonzero(~ground.around(targets, near=False)[1]), others)
 
 
 # Settings
