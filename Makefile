@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SCENES := golf_ball golf_ball_hole golf_ball_mesh tower occluded_bumps bark cut_statue holed_scans simple_patterns published_figures bunny_scan face_holes sea_vase bird_bath relighting real_relighting relit_teapot larger_photographs larger_materials larger_relightables photographed_head photographed_objects restoration geometry_textures weave_on_vase
+SCENES := golf_ball golf_ball_hole golf_ball_mesh tower occluded_bumps bark statue_hole cut_statue holed_scans simple_patterns published_figures bunny_scan face_holes sea_vase bird_bath relighting real_relighting relit_teapot larger_photographs larger_materials larger_relightables photographed_head photographed_objects restoration geometry_textures weave_on_vase
 SOURCES := $(shell find toolkit kernels render scenes -name '*.py' -not -path '*/__pycache__/*' | sort)
 # A strict editable install maps single files: it is renewed when pyproject.toml or the list of files changes.
 STAMP := $(VENV)/.installed-$(shell (echo $(SOURCES); cat pyproject.toml) | cksum | cut -d' ' -f1)
@@ -23,7 +23,8 @@ $(STAMP):
 
 demo: install
 	@$(BIN)/python -m intaglio.scenes.golf_ball --output out
-	@echo "open out/golf_ball.html for pictures and figures"
+	@$(BIN)/python -m intaglio.scenes.statue_hole --output out
+	@echo "open out/golf_ball.html and out/carved_hair.html for pictures and figures, out/carved_hair_close.png for the hole close by"
 
 scenes: install
 	@set -e; for scene in $(SCENES); do $(BIN)/python -m intaglio.scenes.$$scene --output out; done
@@ -48,6 +49,7 @@ lint: install
 bench: install
 	@$(BIN)/python -m tests.benchmarks.reading
 	@$(BIN)/python -m tests.benchmarks.relief
+	@$(BIN)/python -m tests.benchmarks.holes
 	@$(BIN)/python -m tests.benchmarks.photometric
 	@$(BIN)/python -m tests.benchmarks.synthesis
 	@$(BIN)/python -m tests.benchmarks.photographs

@@ -80,7 +80,8 @@ class Light:
         Irradiance of the distant light, at least 0; π makes a white matte surface that faces it 1. Default 4.2, which uses
         the range of a picture for clay.
     fill : float, optional
-        Irradiance of the headlight, at least 0. Default 0.4.
+        Irradiance of the headlight, at the camera's target, at least 0. It shines from the eye: nothing that is seen lies in
+        its shadow. Default 0.4.
 
     Examples
     --------
@@ -230,12 +231,16 @@ def view(
     shift = np.asarray(camera.target, np.float64)
     mesh = make_mesh(np.asarray(vertices, np.float64) - shift, faces, colors=colors, flat=flat, albedo=albedo)
     origin = np.asarray(camera.origin, np.float64) - shift
-    towards = {"key": light_towards(origin, camera.up, light), "fill": origin / np.linalg.norm(origin)}
+    head = {"type": "rgb", "value": float(light.fill * (origin @ origin))}
+    lights: list[dict[str, object]] = [
+        distant_light(light_towards(origin, camera.up, light), light.strength),
+        {"type": "point", "position": origin.tolist(), "intensity": head},
+    ]
     sensor = mi.load_dict(make_sensor(origin, np.zeros(3), np.asarray(camera.up), camera.fov, size))
     rendered = np.zeros((size[0], size[1], 4), np.float32)
     # The lights are rendered one by one, since choosing between them at random would make the picture grainy.
-    for name, strength in (("key", light.strength), ("fill", light.fill)):
-        lit = lit_mesh(mesh, sensor, distant_light(towards[name], strength), samples=samples, seed=seed)
+    for shining in lights:
+        lit = lit_mesh(mesh, sensor, shining, samples=samples, seed=seed)
         rendered[:, :, :3] += lit[:, :, :3]
         rendered[:, :, 3] = lit[:, :, 3]
     return over_background(rendered, background)

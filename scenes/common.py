@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from intaglio.files import write_image
+from intaglio.kernels.transfer import encode_srgb
 from intaglio.mesh import Surface
 from intaglio.progress import ProgressBar
 from intaglio.relief import (
@@ -24,16 +26,30 @@ from intaglio.relief import (
     ReliefReport,
     ReliefSettings,
     assess_relief,
+    choose_viewpoints,
+    largest_filling,
     prepare_relief,
     relief_pictures,
+    without_relief,
     write_relief_report,
 )
+from intaglio.render import Light, Viewpoint, variant, view
 
 Array = np.ndarray
 
 
 SMOOTH = "Filled smoothly only"
 SHEET = (SCAN, COMPLETED, RELIEF, SMOOTH, TRUTH)
+# One light for close-ups and turntables: it rakes, and its fill keeps the side that it leaves from turning black.
+RAKING = Light(slant=55.0, strength=3.0, fill=0.7)
+_PAPER, _INK, _CAPTION = 1.0, 70, 0.05
+# A close-up shows nothing that lies further from its middle than so many times what it spans.
+_DEEP = 2.5
+
+
+def picture_size() -> int:
+    """Return rows and columns of pictures: three are 1,680 pixels wide, and fewer where the renderer takes ray by ray."""
+    return 560 if variant().vectorized else 280
 
 
 @dataclass(frozen=True)
@@ -42,9 +58,11 @@ class Result:
 
     scan: Surface
     whole: Surface
+    truth: Surface | None
     report: ReliefReport
     seconds: float
     picture: Path
+    close: Path
     page: Path
 
 
@@ -121,26 +139,108 @@ def run_scene(
     print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
     start = time.perf_counter()
     with ProgressBar("growing relief") as bar:
-        laid = {name: settings.pop(name) for name in ("base", "spacing", "extent") if name in settings}
+        laid = {name: settings.pop(name) for name in ("base", "spacing", "extent", "holes") if name in settings}
         prepared = prepare_relief(scan, device=args.device, **laid)
         whole = prepared.complete(ReliefSettings(**settings), seed=args.seed, progress=bar.update)
     seconds = time.perf_counter() - start
     for note in whole.notes:
         print(f"  {note}")
-    mesh, page, sheet = (args.output / f"{name}{suffix}" for suffix in (".ply", ".html", ".png"))
+    mesh, page, sheet, close = (args.output / f"{name}{suffix}" for suffix in (".ply", ".html", ".png", "_close.png"))
     whole.write(mesh)
     print("rendering …")
     report = assess_relief(whole, truth, device=args.device)
-    pictures = relief_pictures(whole, report, scan=scan, truth=truth)
+    pictures = relief_pictures(whole, report, scan=scan, truth=truth, size=picture_size())
     timed = (f"completed in {seconds:.2f} s", *extra)
     write_relief_report(whole, page, report=report, pictures=pictures, title=title, extra=timed)
     write_image(contact_sheet(pictures if more is None else {**pictures, **more(whole)}, SHEET), sheet)
+    write_image(captioned(close_ups(whole, scan, truth, size=picture_size())), close)
     for line in report.lines():
         print(f"  {line}")
     for line in timed:
         print(f"  {line}")
-    print(f"wrote {mesh}, {sheet} and {page}")
-    return Result(scan, whole, report, seconds, sheet, page)
+    print(f"wrote {mesh}, {sheet}, {close} and {page}")
+    return Result(scan, whole, truth, report, seconds, sheet, close, page)
+
+
+def close_camera(whole: Surface, share: float = 2.0) -> Viewpoint:
+    """Return a camera close by: over the largest filling where it is a hole, else over the seam, half of it filled.
+
+    ``share`` is the radius that is seen, in radii of the hole.
+    """
+    _, front, up = choose_viewpoints(whole)[0]
+    inside = largest_filling(whole)
+    center = whole.vertices[inside].mean(axis=0)
+    reach = share * float(np.linalg.norm(whole.vertices[inside] - center, axis=1).max())
+    everything = whole.vertices[np.unique(whole.faces)]
+    extent = 0.5 * float(np.linalg.norm(np.ptp(everything, axis=0)))
+    if len(inside) > 0.3 * len(whole.vertices):
+        # Most is filled: what can give it away is the seam.
+        seam = whole.vertices[_seam(whole)]
+        _, front, up = choose_viewpoints(whole)[1]
+        middle = seam.mean(axis=0)
+        center = seam[np.argmax((seam - middle) @ front - 0.5 * np.abs((seam - middle) @ up))]
+        reach = 0.3 * extent
+    origin = center + reach / np.tan(np.radians(12.5)) * front / np.linalg.norm(front)
+    return Viewpoint(tuple(origin), tuple(center), tuple(up))
+
+
+def _seam(surface: Surface) -> Array:
+    """Return the vertices of triangles that join measured and filled ones."""
+    known = surface.measured[surface.faces]
+    return np.unique(surface.faces[known.any(axis=1) & ~known.all(axis=1)])
+
+
+def close_ups(
+    whole: Surface, scan: Surface, truth: Surface | None, *, size: int, camera: Viewpoint | None = None, light: Light = RAKING
+) -> dict[str, Array]:
+    """Render scan, smooth filling, completion and truth from close by, in clay under one light."""
+    camera = close_camera(whole) if camera is None else camera
+    shown = {SCAN: scan, SMOOTH: without_relief(whole), "Intaglio": whole, TRUTH: truth}
+    return {
+        heading: view(part.vertices, part.faces, camera=camera, light=light, size=(size, size))
+        for heading, part in ((heading, in_view(s, whole, camera)) for heading, s in shown.items() if s is not None)
+    }
+
+
+def in_view(surface: Surface, whole: Surface, camera: Viewpoint) -> Surface:
+    """Return what a camera close to a hole looks at, without what lies behind it; all of a plane, cylinder or sphere."""
+    if whole.model is None or whole.model.kind != "smooth":
+        return surface
+    target = np.asarray(camera.target)
+    reach = np.linalg.norm(np.asarray(camera.origin) - target) * np.tan(np.radians(camera.fov / 2))
+    return surface.part(np.linalg.norm(surface.vertices - target, axis=1) < _DEEP * reach)
+
+
+def captioned(pictures: dict[str, Array], columns: int = 2) -> Array:
+    """Return linear pictures (H, W, 3) of one size in rows, each under its heading."""
+    height, width = next(iter(pictures.values())).shape[:2]
+    strip = max(16, int(_CAPTION * height))
+    font = ImageFont.load_default(0.7 * strip)
+    cells = []
+    for heading, picture in pictures.items():
+        label = Image.new("L", (width, strip), 255)
+        ImageDraw.Draw(label).text((strip // 3, strip // 10), heading, fill=_INK, font=font)
+        shown = np.repeat(np.asarray(label, np.float32)[:, :, None] / 255, 3, axis=2)
+        cells.append(np.concatenate([shown, picture], axis=0))
+    cells += [np.full_like(cells[0], _PAPER)] * (-len(cells) % columns)
+    rows = [np.concatenate(cells[at : at + columns], axis=1) for at in range(0, len(cells), columns)]
+    return np.concatenate(rows, axis=0)
+
+
+def write_turntable(
+    surfaces: list[Surface], path: Path, *, camera: Viewpoint, axis: Array, angles: Array, size: int = 400, light: Light = RAKING
+) -> None:
+    """Write an animated WebP of surfaces side by side, seen from a camera that goes round ``axis`` by ``angles`` in radians."""
+    target, axis = np.asarray(camera.target), np.asarray(axis) / np.linalg.norm(axis)
+    arm = np.asarray(camera.origin) - target
+    frames = []
+    for angle in angles:
+        turned = np.cos(angle) * arm + np.sin(angle) * np.cross(axis, arm) + (1 - np.cos(angle)) * (axis @ arm) * axis
+        eye = Viewpoint(tuple(target + turned), camera.target, tuple(axis), camera.fov)
+        row = [view(s.vertices, s.faces, camera=eye, light=light, size=(size, size), samples=8) for s in surfaces]
+        shown = np.clip(encode_srgb(np.concatenate(row, axis=1)), 0, 1)
+        frames.append(Image.fromarray((255 * shown + 0.5).astype(np.uint8)))
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=90, loop=0, quality=78, method=4)
 
 
 def contact_sheet(pictures: dict[str, list[Array]], headings: tuple[str, ...] = (SCAN, COMPLETED, RELIEF, TRUTH)) -> Array:

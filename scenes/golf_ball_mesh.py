@@ -9,9 +9,10 @@ import numpy as np
 
 from intaglio.mesh import Surface, read_surface
 from intaglio.scenes.common import Result, main, real_data, run_scene
-from intaglio.scenes.golf_ball import NOISE, one_view
+from intaglio.scenes.golf_ball import one_view
 
 SETTINGS: dict[str, Any] = {"base": "sphere", "window": 9, "rotations": 12, "spacing": 0.5, "refine": 4}
+NOISE = 0.01  # mm, a desktop scanner's
 
 
 def run(args: argparse.Namespace) -> Result:

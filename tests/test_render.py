@@ -84,6 +84,17 @@ def test_orientation_of_picture_light_and_colours():
     assert lit[20, 20].mean() > 10 * lit[44, 44].mean()
 
 
+def test_the_headlight_leaves_nothing_in_shadow():
+    """A screen before a wall: seen from the eye, the wall is lit up to the screen's edge."""
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    v = np.concatenate([9 * square, square + (1.5, 0, 4)])
+    f = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    camera = Viewpoint((0, 0, 10), (0, 0, 0), fov=50)
+    image = view(v, f, camera=camera, light=Light(strength=0.0, fill=np.pi), albedo=(0.5, 0.5, 0.5), size=(64, 64))
+    assert image.min() > 0.2
+    np.testing.assert_allclose(image[32, 30:34].mean(), 0.5, rtol=0.02)
+
+
 def test_survey_coordinates_render_like_those_at_the_origin():
     v, f = sphere()
     shift = np.array([5e5, 4e6, 120.0])

@@ -11,10 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import intaglio
+from intaglio.mesh import pieces
+from intaglio.render import frame
 from intaglio.scenes import published_figures, simple_patterns
-from intaglio.scenes.common import main
+from intaglio.scenes.ball import ball
+from intaglio.scenes.common import captioned, main, write_turntable
+from intaglio.scenes.golf_ball import one_view
+from intaglio.scenes.statue_hole import hair
 
 BOUNDS = {
     "golf_ball": 2.0, "golf_ball_hole": 3.0, "cylinder_bumps": 2.0, "cylinder_wave": 2.0, "plane_wave": 2.0, "tower": 8.0,
@@ -77,6 +83,50 @@ def check_files(result, folder):
     assert back.vertices.tobytes() == result.whole.vertices.tobytes()
     assert intaglio.read_image(result.picture).std() > 0.05
     assert "data:image/png" in result.page.read_text()
+
+
+def test_a_scan_from_one_side_has_a_clean_rim():
+    scan = one_view(ball(subdivisions=5), pixels=60)
+    assert pieces(scan.faces, len(scan.vertices))[0] == 1
+    inside = np.ones(len(scan.vertices), bool)
+    inside[intaglio.mesh.border_edges(scan.faces)] = False
+    touches = np.zeros(len(scan.vertices), bool)
+    touches[scan.faces[inside[scan.faces].any(axis=1)]] = True
+    assert touches.mean() > 0.99
+
+
+def test_carved_hair_is_closed_and_has_relief_all_around():
+    head = hair(subdivisions=4)
+    assert len(intaglio.mesh.border_edges(head.faces)) == 0
+    assert (head.vertices.max(axis=0) > [109, 120, 93]).all()
+
+
+def test_pictures_under_headings_keep_their_pixels():
+    dark, light = np.zeros((40, 50, 3), np.float32), np.ones((40, 50, 3), np.float32)
+    sheet = captioned({"dark": dark, "light": light, "again": dark})
+    strip = sheet.shape[0] // 2 - 40
+    assert sheet.shape == (2 * (40 + strip), 100, 3)
+    assert (sheet[strip : strip + 40, :50] == 0).all()
+    assert (sheet[strip : strip + 40, 50:] == 1).all()
+    assert sheet[:strip, :50].min() < 0.7
+
+
+@pytest.mark.usefixtures("quick_pictures")
+def test_a_turntable_goes_round(tmp_path):
+    flag = intaglio.Surface(vertices=np.array([[0.0, -1, 0], [2, 0, 0.1], [0, 1, 0]]), faces=np.array([[0, 1, 2]]))
+    path = tmp_path / "turning.webp"
+    camera = frame(np.array([[-2.0, -1, -2], [2, 1, 2]]), (0, 0, 1))
+    write_turntable([flag, flag], path, camera=camera, axis=np.array([0.0, 1, 0]), angles=np.array([0, np.pi]), size=64)
+    with Image.open(path) as moving:
+        assert (moving.n_frames, moving.size) == (2, (128, 64))
+        shares = []
+        for number in range(2):
+            moving.seek(number)
+            dark = np.asarray(moving.convert("L"), float)[:, :64] < 200
+            shares.append(dark[:, 32:].sum() / dark.sum())
+    # From behind it points the other way.
+    assert shares[0] > 0.9
+    assert shares[1] < 0.1
 
 
 @pytest.mark.usefixtures("quick_pictures")

@@ -11,6 +11,8 @@ from intaglio.render import CLAY, Light, Viewpoint, frame, view
 
 # How far around the largest filling a picture reaches, in its own radii.
 _SURROUNDINGS = 1.8
+# Rakes, and keeps what it leaves in shadow readable.
+_LIGHT = Light(slant=60.0, strength=3.2, fill=0.75)
 FILLED_TINT = (0.25, 0.42, 0.6)
 
 
@@ -126,7 +128,7 @@ def picture(
     *,
     colors: Array | None = None,
     size: tuple[int, int] = (480, 480),
-    light: Light = Light(),  # noqa: B008 - frozen
+    light: Light = _LIGHT,
 ) -> Array:
     """Return one rendering (H, W, 3), linear, of ``surface``."""
     return view(surface.vertices, surface.faces, camera=camera, colors=colors, size=size, light=light)
