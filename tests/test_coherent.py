@@ -65,7 +65,7 @@ def complete(scan, settings=None, base="smooth", *, seed=1, device="cpu", near=T
     ground = {"extent": "holes"} if base != "smooth" else {}
     call = {"exemplar": options.pop("exemplar")} if "exemplar" in options else {}
     prepared = intaglio.prepare_relief(scan, base, near=near, device=device, **ground)
-    return prepared.complete(settings or ReliefSettings(**options), seed=seed, progress=progress, **call)
+    return prepared.complete(settings or ReliefSettings(method="pieces", **options), seed=seed, progress=progress, **call)
 
 
 HOLE = (SIDE / 2, SIDE / 2, RADIUS)
@@ -343,7 +343,7 @@ def test_a_part_of_the_ground_holds_one_hole_and_what_surrounds_it():
 
 
 def test_the_method_follows_what_is_asked_for():
-    assert ReliefSettings().method == "pieces"
+    assert ReliefSettings(rotations=1).method is None
     assert ReliefSettings(rotations=1, mirror=True).method == "pieces"
     assert ReliefSettings(window=5).method == "propagation"
     assert ReliefSettings(method="propagation").method == "propagation"
@@ -354,6 +354,12 @@ def test_the_method_follows_what_is_asked_for():
         ReliefSettings(mirror=True, window=5)
     with pytest.raises(InputError, match="method"):
         ReliefSettings(method="patches")
+
+
+@pytest.mark.parametrize(("base", "method"), [("smooth", "filled by pieces"), (plane_base(), "grown in")])
+def test_the_default_method_follows_the_base(scan, base, method):
+    options = {} if base == "smooth" else {"extent": "holes"}
+    assert any(method in note for note in intaglio.complete_relief(scan, base, **options).notes)
 
 
 def test_both_methods_run_on_one_preparation(scan):

@@ -1,7 +1,7 @@
 """What completing one hole costs in scans of growing size, in CPU seconds and memory. Run with ``make bench``; nothing is asserted.
 
-``python -m tests.benchmarks.holes --vertices 1000000,10000000`` goes on to ten million vertices; default one and four. Every row is a
-process of its own, so that its peak of memory is its own.
+``python -m tests.benchmarks.holes --vertices 1000000,10000000`` goes on to ten million vertices; default one and four. Every row
+is a process of its own, so that its peak of memory is its own.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ def main() -> None:
     if args.scan is not None:
         print(json.dumps(complete(args.scan, args.base)))
         return
-    print(f"\ncopy {copy_rate() / 1e9:.1f} GB/s; CPU seconds of all threads; peak of memory beyond the empty program's, bytes a vertex")
-    print("| vertices | hole | file, MB | " + " | ".join(STEPS) + " | peak reading | peak, all |\n" + "|---" * 9 + "|")
+    print(f"\ncopy {copy_rate() / 1e9:.1f} GB/s; CPU seconds of all threads; peak of memory beyond the empty program's, bytes a
+    vertex") print("| vertices | hole | file, MB | " + " | ".join(STEPS) + " | peak reading | peak, all |\n" + "|---" * 9 + "|")
     with tempfile.TemporaryDirectory() as folder:
         for count in (int(float(n)) for n in args.vertices.split(",")):
             path = Path(folder, "scan.ply")

@@ -52,7 +52,7 @@ _SETTINGS = (
 @click.option("--holes", type=HoleChoice(), default=None, help="all (default), largest, every, or numbers; list: show and stop.")
 @click.option("--hole-size", type=Numbers(2), default=None, help="low,high: only holes whose rim is so long.")
 @click.option("--relief-scale", type=float, default=None, help="Smooth base: longer waves are shape; default 12 spacings.")
-@click.option("--method", type=click.Choice(METHODS), default=None, help="Default pieces; propagation with one of its options.")
+@click.option("--method", type=click.Choice(METHODS), default=None, help="Default pieces over a smooth base, else propagation.")
 @click.option("--exemplar", type=ExemplarChoice(), default="near", show_default=True, help="near, all, or a ball x,y,z,radius.")
 @click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
 @click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default from the relief.")

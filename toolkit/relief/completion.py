@@ -61,10 +61,10 @@ def complete_relief(
 ) -> Surface:
     """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
 
-    Stage one fits the base and lays target points over the missing part at the scan's density. Stage two fills in the relief: by
-    coherent pieces of what was measured nearby, found at all scales and joined by their differences, or, where one of its options
-    is given, by Breckon & Fisher's propagation from the rim. `prepare_relief` does stage one alone, so that stage two can be
-    tried with other settings, seeds or exemplars, and has all other options.
+    Stage one fits the base and lays target points over the missing part at the scan's density. Stage two fills in the relief:
+    over a smooth base by coherent pieces of what was measured nearby, found at all scales and joined by their differences; over
+    the others, or where one of its options is given, by Breckon & Fisher's propagation from the rim. `prepare_relief` does stage
+    one alone, so that stage two can be tried with other settings, seeds or exemplars, and has all other options.
 
     Parameters
     ----------
@@ -400,12 +400,14 @@ class PreparedRelief:
         flat: tuple[str, ...] = ()
         if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
             flat = ("the scan has no relief over its base: what was filled is the smooth surface",)
-        if settings.method == "pieces":
+        smooth = isinstance(ground.base, SmoothBase)
+        if (settings.method or ("pieces" if smooth else "propagation")) == "pieces":
             near = isinstance(exemplar, str) and exemplar == "near"
             everything = np.ones(len(self.surface.vertices), bool) if chosen is None else chosen
             allowed = None if near else everything[ground.kept]
             filled = fill_regions(ground, allowed, settings, resources, progress)
             return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
+        settings = replace(settings, refine=settings.passes(smooth or self.options.extent == "holes"))
         comparison = compare_by(ground, settings.color_weight)
         variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
         parameters = choose_parameters(

@@ -16,6 +16,7 @@ METHODS = ("pieces", "propagation")
 PARTNERS = ("measured", "textured")
 
 _MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES, _MOST_HALVINGS = 64, 720, 6, 100, 4
+_PASSES = 3
 # Options that both methods have.
 _SHARED = ("rotations", "method", "mirror")
 
@@ -86,8 +87,8 @@ class ReliefSettings:
         before it, and are compared in the coarser relief as well.
     refine : int, optional
         Passes, 0 to 100, that match the filled part again as a whole, vote, copy, and draw the heights towards the measured
-        distribution. Default 0: against the truth of a hole they do more harm than good. The metric "surface", ``bootstrap`` and
-        textured ``partners`` allow none.
+        distribution. Default 0 for holes alone, against whose truth they do more harm than good, else 3; 0 with
+        ``interpolate``, and with the metric "surface", ``bootstrap`` and textured ``partners``, which allow none.
     color_weight : float, optional
         1 - mu of 3DIM 2005, section 6, in [0, 1]: how much colour counts beside shape, both normalised to [0, 1]. Costs are
         then the combined measure times the squared largest difference of measured displacements. Default: shape alone
@@ -124,8 +125,9 @@ class ReliefSettings:
         How the displacement metric's costs are computed; with the rule "near-best" the choices are the same.
     method : {"pieces", "propagation"}, optional
         "pieces": coherent pieces of the scan, found at all scales at once and joined by their differences. "propagation": Breckon
-        & Fisher's, vertex by vertex from the rim. Default "pieces", and "propagation" where one of its own options is given: all
-        but ``rotations`` and ``mirror``.
+        & Fisher's, vertex by vertex from the rim. Default: "propagation" where one of its own options is given, which are all but
+        ``rotations`` and ``mirror``; else "pieces" over a smooth base, and "propagation" over a plane, cylinder or sphere, whose
+        unseen parts may be larger than what was seen.
     mirror : bool
         Pieces may be mirror images as well.
 
@@ -141,7 +143,7 @@ class ReliefSettings:
     Examples
     --------
     >>> import intaglio
-    >>> intaglio.ReliefSettings().method
+    >>> intaglio.ReliefSettings(mirror=True).method
     'pieces'
     >>> settings = intaglio.ReliefSettings(window=7, refine=3)
     >>> settings.method, settings.window, settings.levels, settings.selection.rule
@@ -207,13 +209,39 @@ class ReliefSettings:
         """
         return self.bootstrap or self.partners == "textured" or self.selection.rule == "best-percent"
 
+    def passes(self, holes_alone: bool) -> int:
+        """Return the refinement passes to make.
+
+        Parameters
+        ----------
+        holes_alone : bool
+            Whether what is missing is enclosed by the scan.
+
+        Returns
+        -------
+        int
+            As given, or by default.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> settings = intaglio.ReliefSettings(window=5)
+        >>> settings.passes(True), settings.passes(False)
+        (0, 3)
+        """
+        if self.refine is not None:
+            return self.refine
+        alone = self.metric == "surface" or self.bootstrap or self.partners == "textured" or self.interpolate
+        return 0 if alone or holes_alone else _PASSES
+
     def _choose_method(self) -> None:
         """Decide the method by the options that were given, and raise `InputError` for one that the other method has."""
         given = [f.name for f in fields(self) if f.name not in _SHARED and getattr(self, f.name) != _default(f)]
         method = self.method
-        if method is None:
+        if method is None and (given or self.mirror):
             method = "propagation" if given else "pieces"
-        checked_choice("method", method, METHODS)
+        if method is not None:
+            checked_choice("method", method, METHODS)
         if method == "pieces" and given:
             raise InputError(f"{given[0]} goes with method='propagation'; leave it out or change the method")
         if method == "propagation" and self.mirror:
