@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SCENES := golf_ball golf_ball_hole golf_ball_mesh tower occluded_bumps bark statue_hole cut_statue holed_scans simple_patterns published_figures bunny_scan face_holes sea_vase bird_bath relighting real_relighting relit_teapot larger_photographs larger_materials larger_relightables photographed_head photographed_objects restoration geometry_textures weave_on_vase
+SCENES := golf_ball golf_ball_hole golf_ball_mesh cut_holes tower occluded_bumps bark statue_hole cut_statue holed_scans simple_patterns published_figures bunny_scan face_holes sea_vase bird_bath relighting real_relighting relit_teapot larger_photographs larger_materials larger_relightables photographed_head photographed_objects restoration geometry_textures weave_on_vase
 SOURCES := $(shell find toolkit kernels render scenes -name '*.py' -not -path '*/__pycache__/*' | sort)
 # A strict editable install maps single files: it is renewed when pyproject.toml or the list of files changes.
 STAMP := $(VENV)/.installed-$(shell (echo $(SOURCES); cat pyproject.toml) | cksum | cut -d' ' -f1)

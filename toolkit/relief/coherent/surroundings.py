@@ -19,8 +19,8 @@ _SPREAD = (64, 64, 128)
 # Energies, in squared spacings, below which nothing is told apart.
 _FAINT = 1e-6
 # By how much a band of the filling may be raised.
-_MOST_GAIN = 1.6
-_PASSES = 2
+_MOST_GAIN = 2.0
+_PASSES = 4
 
 
 class Surroundings:
