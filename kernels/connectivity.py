@@ -194,6 +194,32 @@ def _face_areas(start: int, points: wp.array2d[wp.float64], faces: wp.array[wp.i
     area[f] = wp.float64(0.5) * wp.sqrt((x * x + y * y) + z * z)
 
 
+@wp.kernel
+def _area_vectors(start: int, points: wp.array2d[wp.float64], faces: wp.array2d[wp.int32], total: wp.array2d[wp.float64]):
+    """total[v] = the sum over the faces at v of the cross product of two sides.
+
+    All of it is one index, so that every vertex adds its faces in their order.
+    """
+    for f in range(faces.shape[0]):
+        i = faces[f, 0]
+        j = faces[f, 1]
+        k = faces[f, 2]
+        px = points[j, 0] - points[i, 0]
+        py = points[j, 1] - points[i, 1]
+        pz = points[j, 2] - points[i, 2]
+        qx = points[k, 0] - points[i, 0]
+        qy = points[k, 1] - points[i, 1]
+        qz = points[k, 2] - points[i, 2]
+        x = py * qz - pz * qy
+        y = pz * qx - px * qz
+        z = px * qy - py * qx
+        for c in range(3):
+            v = faces[f, c]
+            total[v, 0] = total[v, 0] + x
+            total[v, 1] = total[v, 1] + y
+            total[v, 2] = total[v, 2] + z
+
+
 def opposites(faces: np.ndarray, starts: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the first opposite edge (3F,) int32 of every directed edge, -1 where there is none.
 
@@ -257,6 +283,14 @@ def face_areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     out = upload(area, wp.float64, "cpu", copy=False)
     launch(_face_areas, len(faces), [at, _shared(faces.reshape(-1))], [out], device="cpu", work=20)
     return area
+
+
+def area_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the sum (N, 3) float64 of the area vectors, twice the areas long, of the faces (F, 3) int32 at every point."""
+    total = np.zeros((len(points), 3))
+    at, out = (upload(a, wp.float64, "cpu", copy=False) for a in (points, total))
+    launch(_area_vectors, 1, [at, _shared(np.ascontiguousarray(faces))], [out], device="cpu")
+    return total
 
 
 def least_members(count: int, pairs: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

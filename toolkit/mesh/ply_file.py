@@ -303,14 +303,20 @@ def _read_element(rows: _Rows, element: _Element) -> dict[str, Array | Lists]:
     for p in element.properties:
         parts = [columns[p.name] for columns, _ in blocks]
         if p.count:
-            counts = [np.full(taken, columns[p.name].shape[1]) for columns, taken in blocks]
-            found[p.name] = Lists(
-                np.concatenate(counts) if counts else np.zeros(0, np.int64),
-                np.concatenate([part.reshape(-1) for part in parts]) if parts else np.zeros(0, p.type),
-            )
+            # One number stands for all lists of a block.
+            counts = [np.broadcast_to(np.int64(columns[p.name].shape[1]), taken) for columns, taken in blocks]
+            values = [part.astype(p.type, copy=False).reshape(-1) for part in parts]
+            found[p.name] = Lists(_joined(counts, "i8"), _joined(values, p.type))
         else:
             found[p.name] = np.concatenate(parts) if parts else np.zeros(0, p.type)
     return found
+
+
+def _joined(parts: list[Array], kind: str) -> Array:
+    """Return parts one after the other; a single one is not copied."""
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.zeros(0, kind)
 
 
 def _blocks(rows: _Rows, element: _Element) -> Iterator[tuple[dict[str, Array], int]]:

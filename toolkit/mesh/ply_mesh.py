@@ -39,8 +39,9 @@ def raw_from_ply(ply: Ply, path: Path) -> RawMesh:
     faces, uv = np.zeros((0, 3), np.int64), None
     if polygons is not None:
         numbers = vertex_numbers(polygons.values, len(vertices), "face", least=0)
-        corners = polygon_triangles(polygons.counts, numbers, vertices)
-        faces = numbers[corners]
+        # Where all are triangles, their corners are those of the file as they are.
+        corners = None if (polygons.counts == 3).all() else polygon_triangles(polygons.counts, numbers, vertices)
+        faces = _at_corners(numbers, corners)
         uv = _ply_coordinates(ply, polygons, corners, faces)
         empty = int((polygons.counts < 3).sum())
         if empty:
@@ -74,7 +75,7 @@ def raw_from_ply(ply: Ply, path: Path) -> RawMesh:
         number = ply.columns("face", "texnumber")
         if number is not None and polygons is not None:
             shown = np.full(len(faces), -1)
-            kept = np.repeat(np.arange(len(polygons.counts)), polygons.counts)[corners[:, 0]]
+            kept = _at_corners(np.repeat(np.arange(len(polygons.counts)), polygons.counts), corners)[:, 0]
             # Pictures that are missing have no number here.
             here = np.array([-1 if at is None else sum(p is not None for p in found[:k]) for k, at in enumerate(found)])
             own = number[kept, 0]
@@ -93,24 +94,29 @@ def raw_from_ply(ply: Ply, path: Path) -> RawMesh:
 
 
 def vertex_numbers(values: Array, count: int, what: str, least: int) -> Array:
-    """Return vertex numbers as int64, or raise `InputError` for those that don't exist."""
+    """Return vertex numbers as signed integers of at least 32 bits, or raise `InputError` for those that don't exist."""
     if values.dtype.kind == "f":
         raise InputError(f"its {what}s name vertices by fractional numbers")
-    numbers = values.astype(np.int64)
+    numbers = values if values.dtype == np.int32 else values.astype(np.int64)
     if numbers.size and (numbers.min() < least or numbers.max() >= count):
         bad = int(numbers[(numbers < least) | (numbers >= count)][0])
         raise InputError(f"a {what} names vertex {bad}, but there are only {count} (0 to {count - 1})")
     return numbers
 
 
-def _ply_coordinates(ply: Ply, polygons: Lists, corners: Array, faces: Array) -> Array | None:
+def _at_corners(values: Array, corners: Array | None) -> Array:
+    """Return what triangles (F, 3) have at their corners, from the corners of polygons (K, ...); None: these are the same."""
+    return values.reshape(-1, 3, *values.shape[1:]) if corners is None else np.asarray(values[corners])
+
+
+def _ply_coordinates(ply: Ply, polygons: Lists, corners: Array | None, faces: Array) -> Array | None:
     """Return texture coordinates (F, 3, 2) of the faces' corners, from lists at the faces or numbers at the vertices."""
     lists = ply.lists("face", *_UV_NAMES)
     if lists is not None:
         whole = lists.counts == 2 * polygons.counts
         uv = np.full((len(polygons.values), 2), np.nan)
         uv[np.repeat(whole, polygons.counts)] = lists.values[np.repeat(whole, lists.counts)].reshape(-1, 2)
-        return np.asarray(uv[corners])
+        return _at_corners(uv, corners)
     for names in _VERTEX_UV_NAMES:
         at_vertices = ply.columns("vertex", *names)
         if at_vertices is not None:

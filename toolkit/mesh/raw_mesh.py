@@ -22,7 +22,7 @@ class RawMesh:
     ----------
     vertices : (N, 3) float64 array
         Positions, numbered as in the file.
-    faces : (F, 3) int64 array
+    faces : (F, 3) int32 or int64 array
         Triangles; polygons have been cut.
     normals : (N, 3) float64 array or None
         Normals of the vertices, of any length.

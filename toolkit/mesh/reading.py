@@ -101,7 +101,10 @@ def read_surface(path: PathLike, *, view: Sequence[float] | None = None, strict:
                     return _joined(_from_range_grid(ply, view), strict)
                 if _is_own(ply):
                     return _own_surface(ply, path)
-                return _surface_of(raw_from_ply(ply, path), view, strict)
+                raw = raw_from_ply(ply, path)
+                # What the mesh is made of is all that is needed of the file from here on.
+                del ply
+                return _surface_of(raw, view, strict)
             if reader is None:
                 return _joined(_from_points(read_point_file(path), view), strict)
             return _surface_of(reader(path), view, strict)
@@ -183,6 +186,18 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
             f"its faces don't join as a surface: {'; '.join(mending.notes)}; without --strict (strict=True) it is so mended"
         )
     pictures, shown = raw.kept_pictures(), raw.kept_numbers()
+    if not mending.notes:
+        # Nothing had to be mended: vertices and corners are the file's, in its order.
+        return Surface(
+            vertices=raw.vertices,
+            faces=mending.faces,
+            color=color,
+            uv=raw.uv,
+            picture=pictures[0] if pictures else None,
+            more_pictures=pictures[1:],
+            face_picture=shown,
+            notes=notes,
+        )
     return Surface(
         vertices=raw.vertices[mending.vertex],
         faces=mending.faces,
@@ -191,7 +206,7 @@ def _surface_of(raw: RawMesh, view: Sequence[float] | None, strict: bool) -> Sur
         picture=pictures[0] if pictures else None,
         more_pictures=pictures[1:],
         face_picture=None if shown is None else shown[mending.corner[:, 0] // 3],
-        file_vertex=mending.vertex if mending.notes else None,
+        file_vertex=mending.vertex,
         notes=notes + tuple(f"mended: {note}" for note in mending.notes),
     )
 

@@ -10,6 +10,8 @@ import numpy as np
 from intaglio.arrays import Array, PathLike
 from intaglio.checks import check_fields, checked_arguments, checked_faces, checked_rows, checked_shape
 from intaglio.errors import InputError
+from intaglio.kernels.connectivity import area_vectors
+from intaglio.mesh.topology import LARGE
 from intaglio.mesh.writing import write_surface
 
 if TYPE_CHECKING:
@@ -334,18 +336,17 @@ class Surface:
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
     """Return area-weighted unit normals (N, 3) at the vertices; (0, 0, 1) where no face with an area meets."""
-    faces = np.asarray(faces)
-    sums = np.zeros((3, len(vertices)))
-    for at in range(0, len(faces), _AT_ONCE):
-        some = faces[at : at + _AT_ONCE]
-        corners = vertices[some]
+    faces, vertices = np.asarray(faces), np.asarray(vertices)
+    if len(faces) > LARGE:
+        normal = area_vectors(vertices, faces)
+    else:
+        normal = np.zeros((len(vertices), 3))
+        corners = vertices[faces]
         area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         for axis in range(3):
-            # Added one by one, in the order of the faces.
-            np.add.at(sums[axis], some.reshape(-1), np.repeat(area[:, axis], 3))
-    normal = np.empty((len(vertices), 3))
+            normal[:, axis] = np.bincount(faces.reshape(-1), np.repeat(area[:, axis], 3), len(vertices))
     for at in range(0, len(vertices), _AT_ONCE):
-        some = np.ascontiguousarray(sums[:, at : at + _AT_ONCE].T)
+        some = normal[at : at + _AT_ONCE]
         length = np.linalg.norm(some, axis=1, keepdims=True)
-        normal[at : at + _AT_ONCE] = np.where(length > 0, some / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
+        some[:] = np.where(length > 0, some / np.maximum(length, 1e-300), (0.0, 0.0, 1.0))
     return normal

@@ -37,6 +37,8 @@ _TEXTURED = (".ply", ".obj", ".gltf", ".glb")
 # These hold 32-bit floats: a unit in the last place may not exceed this share of the typical edge.
 _SINGLE = (".stl", ".gltf", ".glb")
 _COARSE = 1e-3
+# So many rows of a table are written at once.
+_AT_ONCE = 1 << 16
 _NO_FACES = "a surface without faces can be written as .ply only"
 
 
@@ -177,8 +179,8 @@ def check_single_precision(surface: Surface, path: Path) -> None:
 
 def _write_ply(surface: Surface, path: Path, pictures: list[str]) -> None:
     names = ["x", "y", "z", "nx", "ny", "nz", "base_x", "base_y", "base_z"]
-    columns = np.concatenate([surface.vertices, surface.normal, surface.base], axis=1)
-    fields: list[tuple[str, str, Array]] = [(n, "double", columns[:, i]) for i, n in enumerate(names)]
+    triples = (surface.vertices, surface.normal, surface.base)
+    fields: list[tuple[str, str, Array]] = [(n, "double", triples[i // 3][:, i % 3]) for i, n in enumerate(names)]
     fields.append(("measured", "uchar", surface.measured.astype(np.uint8)))
     fields.append(("source", "int", surface.source))
     if surface.file_vertex is not None:
@@ -189,19 +191,22 @@ def _write_ply(surface: Surface, path: Path, pictures: list[str]) -> None:
             fields.append((name, "float", value))
     if surface.color is not None:
         fields += color_fields(surface.color)
-    table, properties = ply_table(fields, len(surface.vertices))
+    count = len(surface.vertices)
+    properties = ply_table([(name, kind, value[:0]) for name, kind, value in fields], 0)[1]
     header = ["ply", "format binary_little_endian 1.0", "comment intaglio surface"]
     if surface.model is not None:
         header.append(f"comment model {json.dumps(_model_record(surface.model))}")
     header += [f"comment note {json.dumps(note)}" for note in surface.notes]
     header += [f"comment TextureFile {name}" for name in pictures]
-    header.append(f"element vertex {len(table)}")
+    header.append(f"element vertex {count}")
     header += properties
     faces, declared = ply_faces(surface)
     header += [f"element face {len(surface.faces)}", *declared, "end_header", ""]
     with open(path, "wb") as file:
         file.write("\n".join(header).encode("utf-8"))
-        file.write(table.tobytes())
+        for at in range(0, count, _AT_ONCE):
+            some = slice(at, min(at + _AT_ONCE, count))
+            file.write(ply_table([(name, kind, value[some]) for name, kind, value in fields], some.stop - at)[0].tobytes())
         file.write(faces)
 
 
