@@ -139,7 +139,7 @@ def run_scene(
     print(f"{title}: completing {len(scan.vertices)} scanned vertices …")
     start = time.perf_counter()
     with ProgressBar("growing relief") as bar:
-        laid = {name: settings.pop(name) for name in ("base", "spacing", "extent", "holes") if name in settings}
+        laid = {name: settings.pop(name) for name in ("base", "spacing", "extent", "holes", "hole_size") if name in settings}
         prepared = prepare_relief(scan, device=args.device, **laid)
         whole = prepared.complete(ReliefSettings(**settings), seed=args.seed, progress=bar.update)
     seconds = time.perf_counter() - start

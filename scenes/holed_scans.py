@@ -22,12 +22,12 @@ SCANS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "stone_lion": (
         "lion_takanawa_points/lion_mesh_colour_300k.ply",
         "Stone lion in colour",
-        {"color_weight": 0.3, "hole_size": (0.0, 1.6)},
+        {"hole_size": (0.0, 1.6)},
     ),
     "specimen": (
         "smithsonian_usnm_1145291/usnm_1145291.glb",
         "Museum specimen in colour",
-        {"color_weight": 0.3, "hole_size": (0.0, 1.0)},
+        {"hole_size": (0.0, 1.0)},
     ),
 }
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> list[Result]:
     results = []
     for name, (path, title, settings) in SCANS.items():
         scan = read_surface(real_data(f"meshes/{path}"))
-        result = run_scene(name, title, scan, args, base="smooth", refine=3, more=smooth_pictures, **settings)
+        result = run_scene(name, title, scan, args, base="smooth", more=smooth_pictures, **settings)
         own, smooth = (relief_energy(s) for s in (result.whole, without_relief(result.whole)))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         print(f"  roughness of the largest filling / of what surrounds it: {own:.2f}; filled smoothly only: {smooth:.2f}")

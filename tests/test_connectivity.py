@@ -99,6 +99,14 @@ def test_what_needs_no_mending_is_found_out_and_only_that(monkeypatch, name):
     assert mending_module._nothing_to_mend(vertices, faces) == (plain.notes == ())
 
 
+def test_places_with_the_same_number_are_told_apart(monkeypatch):
+    vertices = sheet()[0]
+    assert not mending_module._share_places(vertices)
+    monkeypatch.setattr(mending_module, "_mixed_bits", lambda at: (at[:, 0] * 7).astype(np.uint64))
+    assert not mending_module._share_places(vertices)
+    assert mending_module._share_places(np.concatenate([vertices, vertices[77:78]]))
+
+
 def bow_tie():
     return np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]), np.array([[0, 1, 2], [0, 3, 4]])
 
