@@ -57,6 +57,8 @@ CASES = (
     Case("bunny_20", "bunny_range_scans/bun_zipper.ply", 20, 2, True),
 )
 
+NAMES = tuple(case.name for case in CASES)
+
 
 @dataclass(frozen=True)
 class CutHole:
@@ -206,4 +208,4 @@ def run(args: argparse.Namespace, names: tuple[str, ...], size: int = 480) -> li
 
 
 if __name__ == "__main__":
-    main(run, __doc__, [case.name for case in CASES])
+    main(run, __doc__, NAMES)

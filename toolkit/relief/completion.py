@@ -27,6 +27,7 @@ from intaglio.relief.growth import (
     compare_by,
     complete_coarse_levels,
     frames_along,
+    refinement_passes,
     run_stage,
     sample_set,
     shift_to_rim,
@@ -407,7 +408,7 @@ class PreparedRelief:
             allowed = None if near else everything[ground.kept]
             filled = fill_regions(ground, allowed, settings, resources, progress)
             return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
-        settings = replace(settings, refine=settings.passes(smooth or self.options.extent == "holes"))
+        settings = replace(settings, refine=refinement_passes(settings, smooth or self.options.extent == "holes"))
         comparison = compare_by(ground, settings.color_weight)
         variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])
         parameters = choose_parameters(

@@ -5,7 +5,17 @@ from intaglio.relief.growth.levels import complete_coarse_levels, frames_along
 from intaglio.relief.growth.parameters import Parameters, choose_parameters
 from intaglio.relief.growth.rim import shift_to_rim
 from intaglio.relief.growth.samples import Samples, sample_set
-from intaglio.relief.growth.settings import METHODS, METRICS, ORDERS, PARTNERS, RULES, SEARCHES, ReliefSettings, Selection
+from intaglio.relief.growth.settings import (
+    METHODS,
+    METRICS,
+    ORDERS,
+    PARTNERS,
+    RULES,
+    SEARCHES,
+    ReliefSettings,
+    Selection,
+    refinement_passes,
+)
 from intaglio.relief.growth.stage import Resources, Stage, run_stage
 
 __all__ = [
@@ -26,6 +36,7 @@ __all__ = [
     "compare_by",
     "complete_coarse_levels",
     "frames_along",
+    "refinement_passes",
     "run_stage",
     "sample_set",
     "shift_to_rim",

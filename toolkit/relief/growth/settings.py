@@ -209,31 +209,6 @@ class ReliefSettings:
         """
         return self.bootstrap or self.partners == "textured" or self.selection.rule == "best-percent"
 
-    def passes(self, holes_alone: bool) -> int:
-        """Return the refinement passes to make.
-
-        Parameters
-        ----------
-        holes_alone : bool
-            Whether what is missing is enclosed by the scan.
-
-        Returns
-        -------
-        int
-            As given, or by default.
-
-        Examples
-        --------
-        >>> import intaglio
-        >>> settings = intaglio.ReliefSettings(window=5)
-        >>> settings.passes(True), settings.passes(False)
-        (0, 3)
-        """
-        if self.refine is not None:
-            return self.refine
-        alone = self.metric == "surface" or self.bootstrap or self.partners == "textured" or self.interpolate
-        return 0 if alone or holes_alone else _PASSES
-
     def _choose_method(self) -> None:
         """Decide the method by the options that were given, and raise `InputError` for one that the other method has."""
         given = [f.name for f in fields(self) if f.name not in _SHARED and getattr(self, f.name) != _default(f)]
@@ -269,6 +244,14 @@ class ReliefSettings:
             raise InputError(f"{other} compares every sample: leave search at 'auto' or 'exhaustive'")
         if self.along_relief and self.levels == 1:
             raise InputError("along_relief turns frames by the coarser relief: give levels=2 or more")
+
+
+def refinement_passes(settings: ReliefSettings, holes_alone: bool) -> int:
+    """Return the refinement passes to make: as given, or none where holes alone are missing and where none are allowed."""
+    if settings.refine is not None:
+        return settings.refine
+    alone = settings.metric == "surface" or settings.bootstrap or settings.partners == "textured" or settings.interpolate
+    return 0 if alone or holes_alone else _PASSES
 
 
 def _default(field: Field[object]) -> object:
