@@ -23,7 +23,7 @@ $(STAMP):
 
 demo: install
 	@$(BIN)/python -m intaglio.scenes.golf_ball --output out
-	@$(BIN)/python -m intaglio.scenes.statue_hole --output out
+	@$(BIN)/python -m intaglio.scenes.statue_hole carved_hair --output out
 	@echo "open out/golf_ball.html and out/carved_hair.html for pictures and figures, out/carved_hair_close.png for the hole close by"
 
 scenes: install

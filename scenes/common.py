@@ -45,6 +45,8 @@ RAKING = Light(slant=55.0, strength=3.0, fill=0.7)
 _PAPER, _INK, _CAPTION = 1.0, 70, 0.05
 # A close-up shows nothing that lies further from its middle than so many times what it spans.
 _DEEP = 2.5
+# Where more than this share was filled it is no hole; normals whose mean is shorter don't point one way.
+_MOST_OF_IT, _POINTS_OUT = 0.3, 0.1
 
 
 def picture_size() -> int:
@@ -167,27 +169,24 @@ def close_camera(whole: Surface, share: float = 2.0) -> Viewpoint:
 
     ``share`` is the radius that is seen, in radii of the hole.
     """
-    _, front, up = choose_viewpoints(whole)[0]
     inside = largest_filling(whole)
-    center = whole.vertices[inside].mean(axis=0)
-    reach = share * float(np.linalg.norm(whole.vertices[inside] - center, axis=1).max())
-    everything = whole.vertices[np.unique(whole.faces)]
-    extent = 0.5 * float(np.linalg.norm(np.ptp(everything, axis=0)))
-    if len(inside) > 0.3 * len(whole.vertices):
-        # Most is filled: what can give it away is the seam.
-        seam = whole.vertices[_seam(whole)]
+    _, front, up = choose_viewpoints(whole)[0]
+    if len(inside) > _MOST_OF_IT * len(whole.vertices):
+        # What can give it away is the seam.
         _, front, up = choose_viewpoints(whole)[1]
-        middle = seam.mean(axis=0)
-        center = seam[np.argmax((seam - middle) @ front - 0.5 * np.abs((seam - middle) @ up))]
-        reach = 0.3 * extent
+        known = whole.measured[whole.faces]
+        seam = whole.vertices[np.unique(whole.faces[known.any(axis=1) & ~known.all(axis=1)])]
+        off = seam - seam.mean(axis=0)
+        center = seam[np.argmax(off @ front - 0.5 * np.abs(off @ up))]
+        reach = 0.15 * float(np.linalg.norm(np.ptp(whole.vertices[np.unique(whole.faces)], axis=0)))
+    else:
+        center = whole.vertices[inside].mean(axis=0)
+        reach = share * float(np.linalg.norm(whole.vertices[inside] - center, axis=1).max())
+        outward = whole.normal[inside].mean(axis=0)
+        if np.linalg.norm(outward) > _POINTS_OUT:
+            front = outward
     origin = center + reach / np.tan(np.radians(12.5)) * front / np.linalg.norm(front)
     return Viewpoint(tuple(origin), tuple(center), tuple(up))
-
-
-def _seam(surface: Surface) -> Array:
-    """Return the vertices of triangles that join measured and filled ones."""
-    known = surface.measured[surface.faces]
-    return np.unique(surface.faces[known.any(axis=1) & ~known.all(axis=1)])
 
 
 def close_ups(

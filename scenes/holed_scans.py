@@ -10,7 +10,7 @@ import numpy as np
 
 from intaglio.mesh import Surface, adjacency, read_surface
 from intaglio.relief import choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured, without_relief
-from intaglio.scenes.common import SMOOTH, Result, main, real_data, run_scene
+from intaglio.scenes.common import SMOOTH, Result, main, picture_size, real_data, run_scene
 
 Array = np.ndarray
 
@@ -35,7 +35,8 @@ SCANS: dict[str, tuple[str, str, dict[str, Any]]] = {
 def smooth_pictures(whole: Surface) -> dict[str, list[Array]]:
     """Render the smooth filling from where the completion is seen, in clay."""
     cameras = fixed_cameras(whole, choose_viewpoints(whole))
-    return {SMOOTH: clay_pictures(without_relief(whole).part(mark_pictured(whole, whole)), cameras, color=False)}
+    smooth, size = without_relief(whole).part(mark_pictured(whole, whole)), picture_size()
+    return {SMOOTH: clay_pictures(smooth, cameras, size=(size, size), color=False)}
 
 
 def relief_energy(surface: Surface) -> float:
