@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> Result:
     truth = read_surface(real_data("meshes/nefertiti_50k/nefertiti.obj"))
     result = run_scene(
         "cut_statue", "A hole cut into a statue", with_hole(truth), args,
-        truth=truth, base="smooth", more=smooth_pictures,
+        truth=truth, base="smooth", refine=3, more=smooth_pictures,
     )  # fmt: skip
     own, smooth = (relief_energy(s) for s in (result.whole, without_relief(result.whole)))
     print(f"  roughness of the filling / of what surrounds it: {own:.2f}; filled smoothly only: {smooth:.2f}")
