@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from intaglio.files import write_image
 from intaglio.kernels.transfer import encode_srgb
-from intaglio.mesh import Surface
+from intaglio.mesh import Surface, border_edges
 from intaglio.progress import ProgressBar
 from intaglio.relief import (
     COMPLETED,
@@ -192,9 +192,13 @@ def close_camera(whole: Surface, share: float = 2.0) -> Viewpoint:
 def close_ups(
     whole: Surface, scan: Surface, truth: Surface | None, *, size: int, camera: Viewpoint | None = None, light: Light = RAKING
 ) -> dict[str, Array]:
-    """Render scan, smooth filling, completion and truth from close by, in clay under one light."""
+    """Render scan, smooth filling, completion and truth from close by, in clay under one light.
+
+    A smooth filling needs a rim all around: where the filling ends in the open there is none.
+    """
     camera = close_camera(whole) if camera is None else camera
-    shown = {SCAN: scan, SMOOTH: without_relief(whole), "Intaglio": whole, TRUTH: truth}
+    enclosed = bool(whole.measured[border_edges(whole.faces)].all())
+    shown = {SCAN: scan, SMOOTH: without_relief(whole) if enclosed else None, "Intaglio": whole, TRUTH: truth}
     return {
         heading: view(part.vertices, part.faces, camera=camera, light=light, size=(size, size))
         for heading, part in ((heading, in_view(s, whole, camera)) for heading, s in shown.items() if s is not None)

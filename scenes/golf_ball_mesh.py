@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> Result:
     mesh = read_surface(real_data("meshes/golfball_derived/golfball_164k.ply"))
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     truth = Surface(vertices=mesh.vertices - np.round(middle, 6), faces=mesh.faces)
-    scan = one_view(truth, pixels=88, noise=NOISE)
+    scan = one_view(truth, pixels=160, noise=NOISE)
     return run_scene("golf_ball_mesh", "Golf ball mesh from one view", scan, args, truth=truth, **SETTINGS)
 
 

@@ -1,12 +1,14 @@
 """A statue's hole: what is left, filled smoothly, filled by Intaglio and the truth, close by under one raking light.
 
-``carved_hair`` is made here: locks of wavy hair as archaic statues have them. ``stone_mane`` is the lion of the data folder.
+``carved_hair`` is made here: locks of wavy hair as archaic statues have them. ``stone_mane`` and ``specimen`` are scans of the
+data folder.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import trimesh
@@ -63,17 +65,16 @@ def carved_hair() -> CutHole:
     return CutHole(truth, removed, float(edge_graph(truth).data.mean()), center)
 
 
-def stone_mane() -> CutHole | None:
-    """Return the lion with a hole of 20 mean edges; None where the data folder has none."""
-    (case,) = (c for c in CASES if c.name == "lion_statue_20")
-    if not has_data(f"meshes/{case.path}"):
-        return None
-    return cut_case(case)
+def cut_scan(name: str) -> CutHole | None:
+    """Return a scan of the data folder with its hole; None where the folder has none."""
+    (case,) = (c for c in CASES if c.name == name)
+    return cut_case(case) if has_data(f"meshes/{case.path}") else None
 
 
 STATUES: dict[str, tuple[str, Callable[[], CutHole | None]]] = {
     "carved_hair": ("A hole in carved hair", carved_hair),
-    "stone_mane": ("A hole in a stone lion's mane", stone_mane),
+    "stone_mane": ("A hole in a stone lion's mane", partial(cut_scan, "lion_statue_20")),
+    "specimen": ("A hole in a museum specimen", partial(cut_scan, "specimen_10")),
 }
 
 
@@ -86,7 +87,7 @@ def run(args: argparse.Namespace, names: tuple[str, ...] = tuple(STATUES)) -> li
         if cut is None:
             continue
         scan = cut.scan
-        # The lion is open below as well: that stays.
+        # Other openings, such as the lion's below, stay.
         hole = min(list_holes(scan), key=lambda h: float(np.linalg.norm(scan.vertices[h.loop].mean(axis=0) - cut.center)))
         results.append(run_scene(name, title, scan, args, truth=cut.truth, base="smooth", holes=hole.number))
     return results
