@@ -16,6 +16,13 @@ wp.set_module_options({"enable_backward": False})
 
 # Rounding may keep a walk turning about a vertex; this many edges end it. No real walk is so long.
 _MOST_CROSSINGS = wp.constant(1_000_000)
+# Newton's steps along a normal to a mesh, the longest, and the least cosine between a step and the mesh's normal that counts.
+_STEPS_TO_COPY = wp.constant(12)
+_LONGEST_STEP = wp.constant(4.0)
+_STEEPEST = wp.constant(0.25)
+# A line that ends further than this from the mesh has not met it.
+_MET = wp.constant(0.5)
+_ARRIVED = wp.constant(1.0e-4)
 
 
 @wp.func
@@ -182,6 +189,55 @@ def nearest_kernel(
     if query.result:
         face[i] = query.face
         weight[i] = wp.vec2(query.u, query.v)
+
+
+@wp.kernel
+def copy_kernel(
+    start: int,
+    foot: wp.array[wp.vec3],
+    way: wp.array[wp.vec3],
+    mesh: wp.uint64,
+    normal: wp.array[wp.vec3],
+    # output
+    height: wp.array[wp.float32],
+    source: wp.array[wp.int32],
+    reached: wp.array[wp.uint8],
+):
+    """Move heights along normals ``way`` over feet onto a mesh: Newton's steps to the tangent plane at the nearest point.
+
+    Writes the nearest vertex, and whether the line met a face that looks its way. ``height`` holds the start. Lengths are in
+    spacings.
+    """
+    i = start + wp.tid()
+    h = height[i]
+    best = int(-1)
+    met = int(0)
+    for k in range(_STEPS_TO_COPY):
+        at = foot[i] + h * way[i]
+        query = wp.mesh_query_point_no_sign(mesh, at, 1.0e6)
+        if query.result:
+            there = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+            w = 1.0 - query.u - query.v
+            a = wp.mesh_get_index(mesh, 3 * query.face)
+            b = wp.mesh_get_index(mesh, 3 * query.face + 1)
+            c = wp.mesh_get_index(mesh, 3 * query.face + 2)
+            n = wp.normalize(query.u * normal[a] + query.v * normal[b] + w * normal[c])
+            best = c
+            if query.u >= query.v and query.u >= w:
+                best = a
+            elif query.v >= w:
+                best = b
+            met = int(0)
+            if wp.length(there - at) < _MET and wp.dot(wp.mesh_eval_face_normal(mesh, query.face), way[i]) > 0.0:
+                met = int(1)
+            step = wp.dot(there - at, n) / wp.max(wp.dot(n, way[i]), _STEEPEST)
+            if wp.abs(step) < _ARRIVED:
+                break
+            if k < _STEPS_TO_COPY - 1:
+                h = h + wp.clamp(step, -_LONGEST_STEP, _LONGEST_STEP)
+    height[i] = h
+    source[i] = wp.max(best, 0)
+    reached[i] = wp.uint8(met)
 
 
 def trace(

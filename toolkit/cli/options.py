@@ -93,6 +93,18 @@ class ExemplarChoice(click.ParamType):
         return Numbers(4).convert(value, param, ctx)
 
 
+class SymmetryChoice(click.ParamType):
+    """auto, none, or four or seven comma-separated numbers: a mirror plane, or an axis and how many turns make a circle."""
+
+    name = "symmetry"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...]:
+        """Return the word or the numbers."""
+        if isinstance(value, tuple) or value in ("auto", "none"):
+            return value
+        return Numbers().convert(value, param, ctx)
+
+
 def grouped(name: str, make: Callable[..., Any], *options: Callable[..., Any]) -> Callable[..., Any]:
     """Add options to a command, which gets what ``make`` makes of their values as one argument ``name``.
 

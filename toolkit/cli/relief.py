@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import intaglio
-from intaglio.cli.options import ExemplarChoice, Extent, FilePath, HoleChoice, Numbers, common, known_suffix
+from intaglio.cli.options import ExemplarChoice, Extent, FilePath, HoleChoice, Numbers, SymmetryChoice, common, known_suffix
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE, files_beside
@@ -35,6 +35,7 @@ _SETTINGS = (
     "interpolate",
     "method",
     "mirror",
+    "symmetry",
 )
 
 
@@ -55,6 +56,13 @@ _SETTINGS = (
 @click.option("--method", type=click.Choice(METHODS), default=None, help="Default pieces over a smooth base, else propagation.")
 @click.option("--exemplar", type=ExemplarChoice(), default="near", show_default=True, help="near, all, or a ball x,y,z,radius.")
 @click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
+@click.option(
+    "--symmetry",
+    type=SymmetryChoice(),
+    default="auto",
+    show_default=True,
+    help="pieces: auto, none, a mirror plane nx,ny,nz,d, or an axis and its count px,py,pz,dx,dy,dz,n.",
+)
 @click.option("--window", type=int, default=None, help="Neighbourhood radius in edges; default from the relief.")
 @click.option("--error", type=float, default=None, help="Largest accepted mean squared distance; default from the noise.")
 @click.option("--rotations", type=int, default=None, help="Rotations tried; default 1 where relief has a direction, else 12.")

@@ -229,7 +229,9 @@ def _own_surface(ply: Ply, path: Path) -> Surface:
     if len(raw.vertices) == 0:
         raise InputError("holds no vertices")
     names = ply.elements["vertex"]
-    optional = {n: columns(n)[:, 0] for n in ("rotation", "error", "confidence", "file_vertex") if n in names}
+    optional: dict[str, Array] = {n: columns(n)[:, 0] for n in ("rotation", "error", "confidence", "file_vertex") if n in names}
+    if "mirrored" in names:
+        optional["mirrored"] = columns("mirrored")[:, 0].astype(bool)
     own_faces = ply.columns("face", "measured")
     pictures, shown = raw.kept_pictures(), raw.kept_numbers()
     foot, normals = columns("base_x", "base_y", "base_z"), columns("nx", "ny", "nz")

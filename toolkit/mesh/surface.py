@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from intaglio.mesh.base import Base
 
 # Arrays with a row per vertex that are carried along as they are when vertices are chosen.
-PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "error", "confidence")
+PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "mirrored", "error", "confidence")
 # The same with a row per face, where faces are chosen.
 PER_FACE = ("uv", "measured_face", "face_picture")
 # So many rows are gone through at once, where a table of them all would be many times as large as the mesh.
@@ -52,6 +52,9 @@ class Surface:
     rotation : (N,) float32 array or None, optional
         Angle in radians by which the source's neighbourhood was turned about the normal to match; 0 where measured.
         Default None: nothing was matched.
+    mirrored : (N,) bool array or None, optional
+        Whether the source's neighbourhood was mirrored before it was turned: along the second axis of the local frame. Default
+        None: none was.
     error : (N,) float32 array or None, optional
         Error of the accepted match: weighted mean squared distance, in the square of the input's unit; 0 where measured,
         infinite where no sample could be compared and a neighbour's relief was taken. Default None: nothing was matched.
@@ -117,6 +120,7 @@ class Surface:
     measured: Array = None  # type: ignore[assignment]
     source: Array = None  # type: ignore[assignment]
     rotation: Array | None = None
+    mirrored: Array | None = None
     error: Array | None = None
     confidence: Array | None = None
     measured_face: Array | None = None
@@ -150,6 +154,10 @@ class Surface:
         if measured.shape != (count,):
             raise InputError(f"measured must have shape ({count},), not {measured.shape}")
         put("measured", measured.astype(bool))
+        if self.mirrored is not None:
+            if self.mirrored.dtype.kind not in "bui":
+                raise InputError(f"mirrored must be bool, not {self.mirrored.dtype}")
+            put("mirrored", checked_shape("mirrored", self.mirrored, bool, (count,)))
         if self.source is None:
             put("source", np.where(self.measured, np.arange(count), -1).astype(np.int32))
         numbers = {"source": np.int32, "file_vertex": np.int32}

@@ -47,9 +47,10 @@ def write_surface(surface: Surface, path: PathLike, *, overwrite: bool = True) -
     """Write a surface to a file.
 
     PLY (binary, double precision) keeps everything: per vertex ``base_x`` … ``base_z``, ``nx`` … ``nz`` (the base's normal),
-    ``measured``, ``source``, ``rotation``, ``error``, ``confidence`` and ``red``, ``green``, ``blue`` (8-bit sRGB, for other
-    programs) with ``linear_red`` … (float, what is read back); per face ``measured``; the model and the notes as comments. The
-    other types keep positions, faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single precision.
+    ``measured``, ``source``, ``rotation``, ``error``, ``confidence``, ``mirrored`` and ``red``, ``green``, ``blue`` (8-bit sRGB,
+    for other programs) with ``linear_red`` … (float, what is read back); per face ``measured``; the model and the notes as
+    comments. The other types keep positions, faces and, except STL, colours: OBJ and OFF with all digits, STL and glTF in single
+    precision.
     Texture coordinates and their pictures are kept by PLY and OBJ, with the pictures beside the file, and by glTF inside it.
 
     If some of a textured surface's faces were filled, a mask of each picture lies beside OBJ and glTF, ``*_measured.png``: white
@@ -189,6 +190,8 @@ def _write_ply(surface: Surface, path: Path, pictures: list[str]) -> None:
         value = getattr(surface, name)
         if value is not None:
             fields.append((name, "float", value))
+    if surface.mirrored is not None:
+        fields.append(("mirrored", "uchar", surface.mirrored.astype(np.uint8)))
     if surface.color is not None:
         fields += color_fields(surface.color)
     count = len(surface.vertices)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.mesh import Surface
+from intaglio.mesh import Surface, perpendicular
 from intaglio.relief.ground import Ground
 from intaglio.relief.texturing import texture_filling
 
@@ -27,6 +27,9 @@ class Filled:
     confidence : (N,) array or None
     color : (N, 3) array or None
     notes : tuple of str
+    copied : (N,) array or None
+        Sources anywhere on the scan, by its own numbers; -1 where ``source`` tells.
+    mirrored : (N,) bool array or None
     """
 
     ground: Ground
@@ -37,6 +40,8 @@ class Filled:
     confidence: Array | None
     color: Array | None
     notes: tuple[str, ...]
+    copied: Array | None = None
+    mirrored: Array | None = None
 
 
 def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ...], device: str) -> Surface:
@@ -78,6 +83,8 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     faces = np.concatenate([own_faces, at[ground.faces[len(ground.faces) - ground.filling :]]])
     source = np.arange(count, dtype=np.int32)
     source[at] = np.where(filled.source >= 0, at[filled.source], -1)
+    if filled.copied is not None:
+        source[at] = np.where(filled.copied >= 0, number[filled.copied], source[at])
     zeros = np.zeros(kept, np.float32)
     file_vertex = None
     if scan.file_vertex is not None or not all_taken:
@@ -92,6 +99,7 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
         measured=np.arange(count) < kept,
         source=source,
         rotation=spread(zeros, filled.rotation),
+        mirrored=None if filled.mirrored is None else spread(np.zeros(kept, bool), filled.mirrored),
         error=spread(zeros, filled.error),
         confidence=None if filled.confidence is None else spread(np.ones(kept, np.float32), filled.confidence),
         measured_face=np.arange(len(faces)) < int(scan_faces.sum()),
@@ -101,5 +109,8 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     )
     if scan.uv is None:
         return whole
-    u, v = (spread(np.zeros((kept, 3)), axis) for axis in (own.u, own.v))
+    # Beyond the ground the normal gives the frame.
+    u = perpendicular(whole.normal)
+    v = np.cross(whole.normal, u)
+    u[at], v[at] = own.u, own.v
     return texture_filling(scan, whole, taken, u, v, device=device)

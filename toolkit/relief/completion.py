@@ -406,7 +406,7 @@ class PreparedRelief:
             near = isinstance(exemplar, str) and exemplar == "near"
             everything = np.ones(len(self.surface.vertices), bool) if chosen is None else chosen
             allowed = None if near else everything[ground.kept]
-            filled = fill_regions(ground, allowed, settings, resources, progress)
+            filled = fill_regions(self.surface, ground, allowed, settings, resources, progress)
             return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
         settings = replace(settings, refine=refinement_passes(settings, smooth or self.options.extent == "holes"))
         comparison = compare_by(ground, settings.color_weight)

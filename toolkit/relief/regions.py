@@ -1,4 +1,4 @@
-"""Completion by pieces, hole by hole: each with its own surroundings, scale and levels."""
+"""Completion hole by hole: from its like on the scan, or by pieces of its surroundings, at its own scale and levels."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array, Progress
-from intaglio.mesh import SmoothBase, Sphere
+from intaglio.errors import InputError
+from intaglio.mesh import SmoothBase, Sphere, Surface
 from intaglio.relief.assembly import Filled
 from intaglio.relief.coherent import CoherentFilling, Weights, fill_coherently
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth import ReliefSettings, Resources, choose_parameters
+from intaglio.relief.symmetry import LikeFilling, Likes, given_poses
 
 # In words: a filling whose pieces are fewer neighbours than this is said to be so.
 _COHERENT = 0.85
@@ -23,12 +25,20 @@ _PULL, _UPRIGHT = 0.1, 0.3
 
 
 def fill_regions(
-    ground: Ground, allowed: Array | None, settings: ReliefSettings, resources: Resources, progress: Progress | None
+    scan: Surface,
+    ground: Ground,
+    allowed: Array | None,
+    settings: ReliefSettings,
+    resources: Resources,
+    progress: Progress | None,
 ) -> Filled:
-    """Fill all targets by coherent pieces: over a smooth base hole by hole, else together.
+    """Fill all targets: a hole from its like where the scan has one, else by coherent pieces; those of other bases together.
+
+    Over a smooth base each hole is filled by itself.
 
     Parameters
     ----------
+    scan : Surface
     ground : Ground
     allowed : (M,) bool array or None
         Which of the measured vertices relief may be taken from; None for those around each hole.
@@ -52,19 +62,41 @@ def fill_regions(
         weights = replace(weights, afloat=0.0, pull=_PULL)
         if not isinstance(ground.base, Sphere):
             weights = replace(weights, upright=_UPRIGHT)
+    out = _Whole(scan, ground)
     holes = _holes(ground)
-    out = _Whole(ground)
     if not holes:
         # Rims so narrow that triangles alone close them.
         return out.filled(())
+    near = may is None
+
+    def part(targets: Array) -> tuple[Ground, Array]:
+        everything = len(targets) == int((~ground.measured).sum())
+        return (ground, np.ones(count, bool)) if everything else ground.around(targets, near=near)
+
+    likes = _likes(scan, ground.taken, allowed, settings, resources)
+    copied: list[LikeFilling] = []
+    rest: list[Array] = []
+    for targets in holes:
+        if likes is None:
+            rest.append(targets)
+            continue
+        region, keep = part(targets)
+        like = likes.fill(region, np.flatnonzero(ground.kept)[np.flatnonzero(keep & ground.measured)])
+        if like is None:
+            rest.append(targets)
+        else:
+            out.take_copy(like, keep)
+            copied.append(like)
+    if rest and not isinstance(ground.base, SmoothBase):
+        # Their extents are of one size: what is left is filled together.
+        rest = [np.sort(np.concatenate(rest))]
     found: list[CoherentFilling] = []
-    for number, targets in enumerate(holes):
-        whole = len(holes) == 1
-        region, keep = (ground, np.ones(count, bool)) if whole else ground.around(targets, near=may is None)
+    for number, targets in enumerate(rest):
+        region, keep = part(targets)
 
         def report(done: int, total: int, number: int = number) -> None:
             if progress is not None:
-                progress(number * total + done, len(holes) * total)
+                progress(number * total + done, len(rest) * total)
 
         filling = fill_coherently(
             region,
@@ -78,27 +110,58 @@ def fill_regions(
         )
         out.take(filling, keep)
         found.append(filling)
-    share = float(np.average([f.coherence for f in found], weights=[len(t) for t in holes]))
-    notes += (
+    if progress is not None and not found:
+        progress(1, 1)
+    notes += _said_of_copies(copied, ground.spacing)
+    if likes is not None and not isinstance(settings.symmetry, str) and rest:
+        notes += (f"symmetry: {len(rest)} of {len(holes)} holes lead to no measured surface, and are filled by pieces",)
+    if found:
+        notes += _said_of_pieces(found, isinstance(ground.base, SmoothBase), turning, settings, resources)
+    return out.filled(notes)
+
+
+def _likes(scan: Surface, taken: Array, allowed: Array | None, settings: ReliefSettings, resources: Resources) -> Likes | None:
+    """Return where likes of holes are looked for, if they are."""
+    if isinstance(settings.symmetry, str):
+        # Who says where relief may come from has chosen.
+        wanted = settings.symmetry == "auto" and (allowed is None or bool(allowed.all()))
+        return Likes(scan, taken, None, resources.device) if wanted else None
+    if allowed is not None and not allowed.all():
+        raise InputError("symmetry and exemplar both say where relief comes from: leave one of them out")
+    return Likes(scan, taken, given_poses(np.asarray(settings.symmetry)), resources.device)
+
+
+def _said_of_copies(copied: list[LikeFilling], spacing: float) -> tuple[str, ...]:
+    return tuple(
+        f"{int((like.source >= 0).sum())} vertices filled from a place that is alike, {like.pose.describe()}: relief around it "
+        f"correlates by {max(0.0, 1 - like.unlikeness**2 / 2):.2f}, and fits within {np.sqrt(like.error.max()) / spacing:.2g} "
+        "spacings"
+        for like in copied
+    )
+
+
+def _said_of_pieces(
+    found: list[CoherentFilling], smooth: bool, turning: bool, settings: ReliefSettings, resources: Resources
+) -> tuple[str, ...]:
+    share = float(np.average([f.coherence for f in found], weights=[int((~f.ground.measured).sum()) for f in found]))
+    notes: tuple[str, ...] = (
         f"filled by pieces at {max(f.levels for f in found)} levels, {'turned' if turning else 'not turned'}"
         f"{' or mirrored' if settings.mirror else ''}; {share:.0%} of edges join sources that are neighbours; "
         f"seed {resources.seed}, device {resources.device}",
     )
     if share < _COHERENT:
         notes += ("the pieces are small: the scan holds little that goes on as the surroundings do",)
-    if isinstance(ground.base, SmoothBase):
+    if smooth:
         scales = [f.scale for f in found]
         notes += (f"base laid at wave lengths of {min(scales):.6g} to {max(scales):.6g}, by the size of each hole",)
-    return out.filled(notes)
+    return notes
 
 
 def _holes(ground: Ground) -> list[Array]:
-    """Return the targets of each hole; of a plane, cylinder or sphere all together, as their extents are of one size."""
+    """Return the targets of each hole."""
     targets = np.flatnonzero(~ground.measured)
     if len(targets) == 0:
         return []
-    if not isinstance(ground.base, SmoothBase):
-        return [targets]
     graph = csr_array(ground.topology.graph[targets][:, targets])
     number, label = connected_components(graph, directed=False)
     return [targets[label == k] for k in range(number)]
@@ -107,27 +170,40 @@ def _holes(ground: Ground) -> list[Array]:
 class _Whole:
     """Collects the fillings of all holes over one ground."""
 
-    def __init__(self, ground: Ground) -> None:
+    def __init__(self, scan: Surface, ground: Ground) -> None:
         count = len(ground.measured)
-        self._ground = ground
+        self._scan, self._ground = scan, ground
         self._vertices = ground.vertices.copy()
         self._foot, self._normal, self._u = ground.foot.copy(), ground.normal.copy(), ground.u.copy()
         self._source = np.where(ground.measured, np.arange(count), -1).astype(np.int32)
         self._rotation, self._error = np.zeros(count, np.float32), np.zeros(count, np.float32)
         self._confidence = np.ones(count, np.float32)
+        self._copied, self._mirrored = np.full(count, -1, np.int32), np.zeros(count, bool)
+
+    def take_copy(self, like: LikeFilling, keep: Array) -> None:
+        """Take a hole's filling from its like."""
+        at, target = self._take(like.ground, like.height, like.rotation, like.error, like.confidence, keep)
+        self._copied[at[target]] = like.source[target]
+        self._mirrored[at[target]] = like.pose.mirrors
 
     def take(self, filling: CoherentFilling, keep: Array) -> None:
         """Take a hole's filling; ``keep`` (N,) says which vertices its part of the ground holds."""
-        part = filling.ground
+        at, target = self._take(filling.ground, filling.height, filling.rotation, filling.error, filling.confidence, keep)
+        self._source[at[target]] = at[filling.source[target]]
+        self._mirrored[at[target]] = filling.mirrored[target]
+
+    def _take(
+        self, part: Ground, height: Array, rotation: Array, error: Array, confidence: Array, keep: Array
+    ) -> tuple[Array, Array]:
+        """Take what fillings of both kinds have; return the numbers of the part's vertices, and which of them are targets."""
         at = np.flatnonzero(keep)
         self._foot[at], self._normal[at], self._u[at] = part.foot, part.normal, part.u
         target = ~part.measured
-        raised = part.foot + filling.height[:, None] * part.normal
+        raised = part.foot + height[:, None] * part.normal
         self._vertices[at[target]] = raised[target]
-        self._source[at[target]] = at[filling.source[target]]
-        self._rotation[at[target]] = filling.rotation[target]
-        self._error[at[target]] = filling.error[target]
-        self._confidence[at[target]] = filling.confidence[target]
+        for whole, own in ((self._rotation, rotation), (self._error, error), (self._confidence, confidence)):
+            whole[at[target]] = own[target]
+        return at, target
 
     def filled(self, notes: tuple[str, ...]) -> Filled:
         """Return all of it."""
@@ -136,7 +212,18 @@ class _Whole:
         if isinstance(base, SmoothBase):
             base = replace(base, vertices=self._foot, normals=self._normal)
         ground = replace(ground, base=base, foot=self._foot, normal=self._normal, u=self._u, v=np.cross(self._normal, self._u))
-        color = ground.color
-        if color is not None:
-            color = color[np.where(self._source >= 0, self._source, 0)]
-        return Filled(ground, self._vertices, self._source, self._rotation, self._error, self._confidence, color, notes)
+        color, own = ground.color, self._scan.color
+        if color is not None and own is not None:
+            color = np.where((self._copied >= 0)[:, None], own[self._copied], color[np.where(self._source >= 0, self._source, 0)])
+        return Filled(
+            ground,
+            self._vertices,
+            self._source,
+            self._rotation,
+            self._error,
+            self._confidence,
+            color,
+            notes,
+            self._copied,
+            self._mirrored if self._mirrored.any() else None,
+        )

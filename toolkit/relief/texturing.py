@@ -98,7 +98,7 @@ class _Owners:
     origin, u, v : (N, 3) arrays
         That vertex on its base, and the tangent vectors there.
     source_at, source_u, source_v : (N, 3) arrays
-        The same at its source, turned by the rotation.
+        The same at its source, mirrored and turned as that is.
     """
 
     origin: Array
@@ -141,9 +141,11 @@ def _owners(whole: Surface, u: Array, v: Array) -> _Owners:
     turn = np.zeros(count) if whole.rotation is None else whole.rotation[owner].astype(np.float64)
     turn[alone] = np.pi
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    # An offset (x, y) is (cos x - sin y, sin x + cos y) at the source.
+    # An offset (x, y) is (cos x - sin y, sin x + cos y) at the source; mirrored ones have -y for y.
     source_u = cos * u[source] + sin * v[source]
     source_v = cos * v[source] - sin * u[source]
+    if whole.mirrored is not None:
+        source_v[whole.mirrored[owner]] *= -1
     return _Owners(whole.base[owner], u[owner], v[owner], whole.base[source], source_u, source_v)
 
 

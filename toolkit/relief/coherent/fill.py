@@ -6,20 +6,20 @@ Barnes et al. 2009 (the search), carried over to surfaces as Harary, Tal & Grins
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from intaglio.arrays import Array, Progress
 from intaglio.errors import InputError
 from intaglio.kernels.correspondence import Field
-from intaglio.mesh import SmoothBase, unit, vertex_normals
+from intaglio.mesh import SmoothBase
 from intaglio.relief.coherent.averaging import average, averaging, edges_from
 from intaglio.relief.coherent.joining import Wishes, ask_sources, coherence, join
 from intaglio.relief.coherent.search import FieldSearch, Weights
 from intaglio.relief.coherent.surroundings import Surroundings
 from intaglio.relief.coherent.tables import SurfaceTables
-from intaglio.relief.ground import Ground, ThinPlate
+from intaglio.relief.ground import Ground, ThinPlate, relaid
 
 # Rings of a patch: at level l they lie 2^l spacings apart.
 _RINGS = 4
@@ -47,7 +47,7 @@ class CoherentFilling:
         With the base that belongs to the heights: a smooth one was relaid.
     height : (N,) array
         Signed displacement, in the input's unit.
-    source, rotation, error, confidence : (N,) arrays
+    source, rotation, mirrored, error, confidence : (N,) arrays
         Of targets; see `intaglio.Surface`. ``error`` is in squared input units, ``confidence`` from 0 to 1.
     coherence : float
         Share of the edges between targets whose two sources are neighbours.
@@ -60,6 +60,7 @@ class CoherentFilling:
     height: Array
     source: Array
     rotation: Array
+    mirrored: Array
     error: Array
     confidence: Array
     coherence: float
@@ -252,15 +253,8 @@ class _Completion:
         if scale not in self._plates:
             self._plates[scale] = ThinPlate(ground.foot, ground.faces, scale * ground.spacing)
         vertices = np.where(self._measured[:, None], ground.vertices, ground.foot + (x * ground.spacing)[:, None] * ground.normal)
-        smooth = self._plates[scale].smooth(vertices)
-        normal = vertex_normals(smooth, ground.faces)
-        height = np.einsum("ij,ij->i", vertices - smooth, normal)
-        foot = vertices - height[:, None] * normal
-        u = unit(ground.u - np.einsum("ij,ij->i", ground.u, normal)[:, None] * normal)
-        assert isinstance(ground.base, SmoothBase)
-        base = replace(ground.base, vertices=foot, normals=normal, relief_scale=scale * ground.spacing)
-        self._ground = replace(ground, base=base, foot=foot, normal=normal, u=u, v=np.cross(normal, u))
-        height /= ground.spacing
+        self._ground = relaid(ground, vertices, self._plates[scale], scale * ground.spacing)
+        height = self._ground.height / ground.spacing
         self._height = np.where(self._measured, height, 0.0)
         return height if first else join(self._wishes(), height, ~self._measured)
 
@@ -289,6 +283,7 @@ class _Completion:
             x * ground.spacing,
             place.astype(np.int32),
             np.where(target, angle, 0.0).astype(np.float32),
+            target & (field.mirror.numpy() > 0),
             np.where(lost, np.inf, cost * variance).astype(np.float32),
             np.where(target, np.clip(sure, 0.0, 1.0), 1.0).astype(np.float32),
             coherence(wishes, self._measured),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
+
+import numpy as np
 
 from intaglio.checks import check_fields, checked_choice, checked_count, checked_number, checked_positive, shown
 from intaglio.errors import InputError
@@ -16,9 +19,12 @@ METHODS = ("pieces", "propagation")
 PARTNERS = ("measured", "textured")
 
 _MOST_WINDOW, _MOST_ROTATIONS, _MOST_LEVELS, _MOST_PASSES, _MOST_HALVINGS = 64, 720, 6, 100, 4
-_PASSES = 3
+_PASSES, _MOST_TURNS = 3, 1000
 # Options that both methods have.
-_SHARED = ("rotations", "method", "mirror")
+_SHARED = ("rotations", "method", "mirror", "symmetry")
+# Options of pieces alone.
+_OF_PIECES = ("mirror", "symmetry")
+SYMMETRIES = ("auto", "none")
 
 
 @dataclass(frozen=True)
@@ -126,10 +132,14 @@ class ReliefSettings:
     method : {"pieces", "propagation"}, optional
         "pieces": coherent pieces of the scan, found at all scales at once and joined by their differences. "propagation": Breckon
         & Fisher's, vertex by vertex from the rim. Default: "propagation" where one of its own options is given, which are all but
-        ``rotations`` and ``mirror``; else "pieces" over a smooth base, and "propagation" over a plane, cylinder or sphere, whose
-        unseen parts may be larger than what was seen.
+        ``rotations``, ``mirror`` and ``symmetry``; else "pieces" over a smooth base, and "propagation" over a plane, cylinder or
+        sphere, whose unseen parts may be larger than what was seen.
     mirror : bool
         Pieces may be mirror images as well.
+    symmetry : {"auto", "none"} or sequence of float
+        Whether a hole is filled, as a whole, from a place of the scan that is like it. "auto": where one is found that is alike
+        all around the hole, turned, moved or mirrored. (nx, ny, nz, d): by the mirror plane n . x = d. (px, py, pz, dx, dy, dz,
+        count): by the axis through p along d, turned by whole parts of a circle. Given ones are refined by registration.
 
     Raises
     ------
@@ -169,6 +179,7 @@ class ReliefSettings:
     engine: str = "auto"
     method: str | None = None
     mirror: bool = False
+    symmetry: str | Sequence[float] = "auto"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -186,6 +197,7 @@ class ReliefSettings:
         put("levels", checked_count("levels", self.levels, 1, _MOST_LEVELS))
         if self.refine is not None:
             put("refine", checked_count("refine", self.refine, 0, _MOST_PASSES))
+        put("symmetry", _checked_symmetry(self.symmetry))
         if self.color_weight is not None:
             put("color_weight", _color_share(self.color_weight))
         if self.oversample is not None:
@@ -213,14 +225,15 @@ class ReliefSettings:
         """Decide the method by the options that were given, and raise `InputError` for one that the other method has."""
         given = [f.name for f in fields(self) if f.name not in _SHARED and getattr(self, f.name) != _default(f)]
         method = self.method
-        if method is None and (given or self.mirror):
+        own = [name for name in _OF_PIECES if getattr(self, name) != _default(next(f for f in fields(self) if f.name == name))]
+        if method is None and (given or own):
             method = "propagation" if given else "pieces"
         if method is not None:
             checked_choice("method", method, METHODS)
         if method == "pieces" and given:
             raise InputError(f"{given[0]} goes with method='propagation'; leave it out or change the method")
-        if method == "propagation" and self.mirror:
-            raise InputError("mirror goes with method='pieces'; leave it out or change the method")
+        if method == "propagation" and own:
+            raise InputError(f"{own[0]} goes with method='pieces'; leave it out or change the method")
         object.__setattr__(self, "method", method)
 
     def _check_together(self) -> None:
@@ -256,6 +269,29 @@ def refinement_passes(settings: ReliefSettings, holes_alone: bool) -> int:
 
 def _default(field: Field[object]) -> object:
     return field.default if field.default_factory is MISSING else field.default_factory()
+
+
+def _checked_symmetry(value: str | Sequence[float]) -> str | tuple[float, ...]:
+    meaning = (
+        "symmetry must be 'auto', 'none', a mirror plane (nx, ny, nz, d), or an axis and how many turns make a circle "
+        "(px, py, pz, dx, dy, dz, count)"
+    )
+    if isinstance(value, str):
+        if value not in SYMMETRIES:
+            raise InputError(f"{meaning}, not {value!r}")
+        return value
+    try:
+        given = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        given = np.zeros(0)
+    if given.shape not in ((4,), (7,)) or not np.isfinite(given).all():
+        raise InputError(f"{meaning}, not {shown(value)}")
+    way = given[:3] if len(given) == 4 else given[3:6]
+    if not np.linalg.norm(way) > 0:
+        raise InputError(f"{meaning}; the direction {tuple(way.tolist())} has no length")
+    if len(given) == 7 and not (given[6] == int(given[6]) and 2 <= given[6] <= _MOST_TURNS):
+        raise InputError(f"{meaning}; count must be a whole number from 2 to {_MOST_TURNS}, not {given[6]:g}")
+    return tuple(given.tolist())
 
 
 def _color_share(value: float) -> float:
