@@ -55,6 +55,7 @@ def complete_relief(
     extent: str | Sequence[float] | None = None,
     holes: Holes = None,
     exemplar: Exemplar = "near",
+    symmetry: str | Sequence[float] = "auto",
     search: str = "auto",
     seed: int = 0,
     device: str | None = None,
@@ -63,9 +64,10 @@ def complete_relief(
     """Complete what a scan did not see: its smooth base, and over it the scan's own relief.
 
     Stage one fits the base and lays target points over the missing part at the scan's density. Stage two fills in the relief:
-    over a smooth base by coherent pieces of what was measured nearby, found at all scales and joined by their differences; over
-    the others, or where one of its options is given, by Breckon & Fisher's propagation from the rim. `prepare_relief` does stage
-    one alone, so that stage two can be tried with other settings, seeds or exemplars, and has all other options.
+    over a smooth base from a place of the scan that is alike, where there is one, else by coherent pieces of what was measured
+    nearby, found at all scales and joined by their differences; over the others, or where one of its options is given, by Breckon
+    & Fisher's propagation from the rim. `prepare_relief` does stage one alone, so that stage two can be tried with other
+    settings, seeds or exemplars, and has all other options.
 
     Parameters
     ----------
@@ -96,6 +98,9 @@ def complete_relief(
     exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
         Where relief may come from. "near": over a smooth base the surroundings of each hole, else all of the scan. A mask or
         numbers of the scan's vertices, or a ball: its centre and radius.
+    symmetry : {"auto", "none"} or sequence of float
+        Pieces: whether a hole is filled as a whole from its like elsewhere on the scan; a mirror plane (nx, ny, nz, d) or an axis
+        (px, py, pz, dx, dy, dz, count) say where that is. See `ReliefSettings`.
     search : {"auto", "exhaustive", "approximate"}
         Propagation: compare every sample, or look in likely places.
     seed : int
@@ -141,7 +146,13 @@ def complete_relief(
     True
     """
     settings = ReliefSettings(
-        window=window, rotations=rotations, levels=levels, refine=refine, color_weight=color_weight, search=search
+        window=window,
+        rotations=rotations,
+        levels=levels,
+        refine=refine,
+        color_weight=color_weight,
+        search=search,
+        symmetry=symmetry,
     )
     near = isinstance(exemplar, str) and exemplar == "near"
     prepared = prepare_relief(surface, base, spacing=spacing, extent=extent, holes=holes, near=near, device=device)
