@@ -387,7 +387,7 @@ class Table:
             "list_holes": lambda: (it("list_holes"), {"surface": self.scan}),
             "complete_relief": lambda: (it("complete_relief"), {
                 "surface": self.scan, "base": "plane", "window": 2, "rotations": 1, "levels": 1, "refine": 0,
-                "color_weight": None, **relief, "exemplar": "near", "search": "auto", "seed": 0, **quiet}),
+                "color_weight": None, **relief, "exemplar": "near", "symmetry": "auto", "search": "auto", "seed": 0, **quiet}),
             "prepare_relief": lambda: (it("prepare_relief"), {
                 "surface": self.scan, "base": "plane", **relief, "hole_size": None, "relief_scale": None, "frames": None,
                 "reference": None, "near": True}),
