@@ -143,7 +143,7 @@ class Patches:
     row_turn: wp.array[wp.float32]
     turns: wp.array2d[wp.int32]
     weight: wp.array[wp.float32]
-    likeness: wp.array[wp.vec3]
+    likeness: wp.array[wp.vec4]
     direction: wp.array[wp.vec2]
     used: wp.array[wp.float32]
 

@@ -315,6 +315,7 @@ class Table:
         """A folder with one file of each kind that is read."""
         it, folder = self.it, Path(tempfile.mkdtemp(prefix="api-attack-"))
         self.square.write(folder / "mesh.ply")
+        (folder / "guides.txt").write_text("0 0 0\n1 0 0\n")
         it.write_image(np.linspace(0, 1, 256).reshape(16, 16), folder / "image.png")
         it.write_exr({"Y": np.linspace(0, 1, 64, dtype=np.float32).reshape(8, 8)}, folder / "image.exr")
         it.write_points(self.swatch.points, folder / "points.ply")
@@ -384,16 +385,18 @@ class Table:
             "surface_from_range_image": lambda: (it("surface_from_range_image"), {
                 "points": self.grid, "view": (6, 6, 100.0), "color": np.full((12, 12, 3), 0.5), "steepest": 80.0}),
             "fit_base": lambda: (it("fit_base"), {"points": self.sheet.vertices, "kinds": ("plane",)}),
+            "read_guides": lambda: (it("read_guides"), {"path": files("guides.txt")}),
             "list_holes": lambda: (it("list_holes"), {"surface": self.scan}),
             "complete_relief": lambda: (it("complete_relief"), {
                 "surface": self.scan, "base": "plane", "window": 2, "rotations": 1, "levels": 1, "refine": 0,
-                "color_weight": None, **relief, "exemplar": "near", "symmetry": "auto", "search": "auto", "seed": 0, **quiet}),
+                "color_weight": None, **relief, "exemplar": "near", "guides": "auto", "symmetry": "auto", "search": "auto",
+                "seed": 0, **quiet}),
             "prepare_relief": lambda: (it("prepare_relief"), {
                 "surface": self.scan, "base": "plane", **relief, "hole_size": None, "relief_scale": None, "frames": None,
                 "reference": None, "near": True}),
             "PreparedRelief.complete": lambda: (it("prepare_relief")(self.scan, "plane", extent="holes", **cpu).complete, {
                 "settings": self.it.ReliefSettings(window=2, rotations=1),
-                "exemplar": np.ones(len(self.scan.vertices), bool), "seed": 0, "memory": None, **quiet}),
+                "exemplar": np.ones(len(self.scan.vertices), bool), "guides": "auto", "seed": 0, "memory": None, **quiet}),
             "PreparedRelief": lambda: (it("PreparedRelief"), fields(
                 self.it.prepare_relief(self.scan, "plane", extent="holes", **cpu))),
             "ReliefSettings": lambda: (it("ReliefSettings"), fields(self.it.ReliefSettings(window=2, error=1.0))),

@@ -556,7 +556,7 @@ def test_weights_are_scaled_by_the_sources_own_spread(ground):
     patches = rng.normal(size=(50, len(search._grid_weight), 4)) * [3.0, 0.5, 0.5, 1]
     patches[..., 3] = 1
     count = int(ground.measured.sum())
-    surroundings = np.zeros((len(ground.foot), 3)), np.zeros((len(ground.foot), 2))
+    surroundings = np.zeros((len(ground.foot), 4)), np.zeros((len(ground.foot), 2))
     search.take_level(None, patches.astype(np.float32), np.zeros(count, int), np.zeros(count), surroundings, 9.0)
     # Two unlike patches differ by twice their variance in height and in slope: each half makes 1/2 of it.
     assert search._terms.w_height == pytest.approx(0.5 / 9, rel=0.05)

@@ -121,7 +121,7 @@ def walked(tables, first, way, device):
 def costs(look, target, source, angle, mirror, terms, device):
     """Return the kernel's costs of giving each target its source."""
     patches = Patches()
-    kinds = {"values": wp.vec4, "likeness": wp.vec3, "direction": wp.vec2, "row": wp.int32, "turns": wp.int32}
+    kinds = {"values": wp.vec4, "likeness": wp.vec4, "direction": wp.vec2, "row": wp.int32, "turns": wp.int32}
     for name in ("values", "row", "row_turn", "turns", "weight", "likeness", "direction", "used"):
         setattr(patches, name, upload(look[name], kinds.get(name, wp.float32), device))
     out = wp.zeros(len(target), dtype=wp.float32, device=device)
@@ -163,7 +163,7 @@ def two_patches(target, source):
     weight, turns = patch_grid()
     return {
         "values": np.stack([target, source]), "row": np.array([0, 1]), "row_turn": np.zeros(2), "turns": turns, "weight": weight,
-        "likeness": np.zeros((2, 3)), "direction": np.zeros((2, 2)), "used": np.zeros(2), "foot": np.zeros((2, 3)),
+        "likeness": np.zeros((2, 4)), "direction": np.zeros((2, 2)), "used": np.zeros(2), "foot": np.zeros((2, 3)),
     }  # fmt: skip
 
 
@@ -274,7 +274,7 @@ def test_costs_are_the_references(afloat, device):
     look = {
         "values": np.concatenate([rng.normal(size=(rows, len(weight), 3)), rng.uniform(-0.4, 1, (rows, len(weight), 1))], axis=2),
         "row": rng.integers(0, rows, vertices), "row_turn": rng.uniform(-4, 4, vertices), "turns": turns, "weight": weight,
-        "likeness": rng.normal(size=(vertices, 3)), "direction": rng.normal(size=(vertices, 2)),
+        "likeness": rng.normal(size=(vertices, 4)), "direction": rng.normal(size=(vertices, 2)),
         "used": rng.uniform(0, 2, vertices), "foot": rng.uniform(-8, 8, (vertices, 3)),
     }  # fmt: skip
     look["values"][..., 3] = np.maximum(look["values"][..., 3], 0)
@@ -441,7 +441,7 @@ def searching(ground, device, *, seed=3, **options):
     )
     chosen, stands, turn = tables.thinned(search.sources, 2.0)
     sources = tables.patches(chosen, 2.0, height, ground.measured.astype(float))
-    around = rng.normal(size=(len(height), 3)), rng.normal(size=(len(height), 2))
+    around = rng.normal(size=(len(height), 4)), rng.normal(size=(len(height), 2))
     search.take_level(tables, sources, stands, turn, around, 9.0)
     sure = np.where(ground.measured, 1.0, 0.4)
     search.take_targets(tables.patches(targets, 2.0, height, sure), ~ground.measured, rng.uniform(0, 1, len(height)))

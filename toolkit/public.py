@@ -76,6 +76,7 @@ from intaglio.relief import (
     fit_base,
     list_holes,
     prepare_relief,
+    read_guides,
     write_relief_report,
 )
 from intaglio.restoration import Restoration, RestorationReport, assess_restoration, restore
@@ -177,6 +178,7 @@ __all__ = [
     "quilt",
     "read_exr",
     "read_geometry_texture",
+    "read_guides",
     "read_image",
     "read_material",
     "read_photographs",

@@ -15,6 +15,7 @@ from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.files import limit_memory
 from intaglio.progress import Stage, be_quiet
+from intaglio.relief import read_guides
 
 _ABOVE_0 = click.FloatRange(min=0, min_open=True)
 
@@ -91,6 +92,18 @@ class ExemplarChoice(click.ParamType):
         if value in ("near", "all"):
             return str(value)
         return Numbers(4).convert(value, param, ctx)
+
+
+class GuidesChoice(click.ParamType):
+    """auto, none, or a file of polylines."""
+
+    name = "guides"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | list[np.ndarray]:
+        """Return the word or the polylines."""
+        if isinstance(value, list) or value in ("auto", "none"):
+            return value
+        return read_guides(value)
 
 
 class SymmetryChoice(click.ParamType):

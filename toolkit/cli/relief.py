@@ -9,7 +9,17 @@ from typing import Any
 import click
 
 import intaglio
-from intaglio.cli.options import ExemplarChoice, Extent, FilePath, HoleChoice, Numbers, SymmetryChoice, common, known_suffix
+from intaglio.cli.options import (
+    ExemplarChoice,
+    Extent,
+    FilePath,
+    GuidesChoice,
+    HoleChoice,
+    Numbers,
+    SymmetryChoice,
+    common,
+    known_suffix,
+)
 from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE, files_beside
@@ -56,6 +66,9 @@ _SETTINGS = (
 @click.option("--method", type=click.Choice(METHODS), default=None, help="Default pieces over a smooth base, else propagation.")
 @click.option("--exemplar", type=ExemplarChoice(), default="near", show_default=True, help="near, all, or a ball x,y,z,radius.")
 @click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
+@click.option(
+    "--guides", type=GuidesChoice(), default="auto", show_default=True, help="pieces: auto, none, or a file of polylines."
+)
 @click.option(
     "--symmetry",
     type=SymmetryChoice(),
@@ -166,6 +179,7 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Su
         return prepared.complete(
             intaglio.ReliefSettings(selection=selection, along_relief=along_relief, **settings),
             exemplar=options["exemplar"],
+            guides=options["guides"],
             seed=options["seed"],
             memory=click.get_current_context().params["memory"],
             progress=bar.update,

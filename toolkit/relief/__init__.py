@@ -6,6 +6,7 @@ from intaglio.relief.completion import PreparedRelief, complete_relief, prepare_
 from intaglio.relief.figures import ReliefReport, TruthComparison
 from intaglio.relief.ground import FRAMES, Hole, fit_base, list_holes, sampling_distance, smooth_over_surface
 from intaglio.relief.growth import METHODS, METRICS, ORDERS, PARTNERS, RULES, SEARCHES, ReliefSettings, Selection
+from intaglio.relief.lines import read_guides
 from intaglio.relief.pictures import FILLED_TINT, choose_viewpoints, clay_pictures, fixed_cameras, largest_filling, mark_pictured
 from intaglio.relief.report import COMPLETED, RELIEF, SCAN, TRUTH, relief_pictures, write_relief_report
 from intaglio.relief.smooth_filling import without_relief
@@ -44,6 +45,7 @@ __all__ = [
     "list_holes",
     "mark_pictured",
     "prepare_relief",
+    "read_guides",
     "relief_pictures",
     "sampling_distance",
     "smooth_over_surface",

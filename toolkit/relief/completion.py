@@ -32,6 +32,7 @@ from intaglio.relief.growth import (
     sample_set,
     shift_to_rim,
 )
+from intaglio.relief.lines import Guides, checked_guides
 from intaglio.relief.regions import fill_regions
 
 # A scan whose heights differ by less than this share of the spacing has no relief.
@@ -55,6 +56,7 @@ def complete_relief(
     extent: str | Sequence[float] | None = None,
     holes: Holes = None,
     exemplar: Exemplar = "near",
+    guides: Guides = "auto",
     symmetry: str | Sequence[float] = "auto",
     search: str = "auto",
     seed: int = 0,
@@ -98,6 +100,9 @@ def complete_relief(
     exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
         Where relief may come from. "near": over a smooth base the surroundings of each hole, else all of the scan. A mask or
         numbers of the scan's vertices, or a ball: its centre and radius.
+    guides : {"auto", "none"} or sequence of (K, 3) arrays
+        Pieces: lines across the holes. "auto": creases, ridges and valleys that reach a rim on both sides and fit together are
+        carried on. Polylines, as `read_guides` gives them, replace what is found near them and add to the rest.
     symmetry : {"auto", "none"} or sequence of float
         Pieces: whether a hole is filled as a whole from its like elsewhere on the scan; a mirror plane (nx, ny, nz, d) or an axis
         (px, py, pz, dx, dy, dz, count) say where that is. See `ReliefSettings`.
@@ -156,7 +161,7 @@ def complete_relief(
     )
     near = isinstance(exemplar, str) and exemplar == "near"
     prepared = prepare_relief(surface, base, spacing=spacing, extent=extent, holes=holes, near=near, device=device)
-    return prepared.complete(settings, exemplar=exemplar, seed=seed, progress=progress)
+    return prepared.complete(settings, exemplar=exemplar, guides=guides, seed=seed, progress=progress)
 
 
 @checked_arguments
@@ -357,6 +362,7 @@ class PreparedRelief:
         settings: ReliefSettings | None = None,
         *,
         exemplar: Exemplar = "near",
+        guides: Guides = "auto",
         seed: int = 0,
         memory: float | None = None,
         progress: Progress | None = None,
@@ -370,6 +376,8 @@ class PreparedRelief:
         exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
             The vertices of the scan whose relief may be taken; see `complete_relief`. Their surroundings are compared as a whole
             all the same.
+        guides : {"auto", "none"} or sequence of (K, 3) arrays
+            Lines across the holes; see `complete_relief`.
         seed : int
             The same seed gives the same bits.
         memory : float, optional
@@ -408,6 +416,7 @@ class PreparedRelief:
             raise InputError(f"progress must be callable, not {type(progress).__name__}")
         ground = self.ground
         chosen = chosen_vertices(self.surface, exemplar)
+        lines = checked_guides(guides)
         relief = ground.height[ground.measured]
         flat: tuple[str, ...] = ()
         if float(np.ptp(relief)) <= _NO_RELIEF * ground.spacing:
@@ -417,8 +426,10 @@ class PreparedRelief:
             near = isinstance(exemplar, str) and exemplar == "near"
             everything = np.ones(len(self.surface.vertices), bool) if chosen is None else chosen
             allowed = None if near else everything[ground.kept]
-            filled = fill_regions(self.surface, ground, allowed, settings, resources, progress)
+            filled = fill_regions(self.surface, ground, allowed, lines, settings, resources, progress)
             return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
+        if not isinstance(lines, str):
+            raise InputError("guides go with method='pieces'; leave them out or change the method")
         settings = replace(settings, refine=refinement_passes(settings, smooth or self.options.extent == "holes"))
         comparison = compare_by(ground, settings.color_weight)
         variance = comparison.variance(relief, None if ground.color is None else ground.color[ground.measured])

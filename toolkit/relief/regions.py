@@ -12,9 +12,10 @@ from intaglio.arrays import Array, Progress
 from intaglio.errors import InputError
 from intaglio.mesh import SmoothBase, Sphere, Surface
 from intaglio.relief.assembly import Filled
-from intaglio.relief.coherent import CoherentFilling, Weights, fill_coherently
+from intaglio.relief.coherent import CoherentFilling, Guidance, Weights, fill_coherently
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth import ReliefSettings, Resources, choose_parameters
+from intaglio.relief.lines import find_ends, find_features, guide_curves, joined, steered, without_guided
 from intaglio.relief.symmetry import LikeFilling, Likes, given_poses
 
 # In words: a filling whose pieces are fewer neighbours than this is said to be so.
@@ -28,6 +29,7 @@ def fill_regions(
     scan: Surface,
     ground: Ground,
     allowed: Array | None,
+    guides: str | list[Array],
     settings: ReliefSettings,
     resources: Resources,
     progress: Progress | None,
@@ -42,6 +44,8 @@ def fill_regions(
     ground : Ground
     allowed : (M,) bool array or None
         Which of the measured vertices relief may be taken from; None for those around each hole.
+    guides : {"auto", "none"} or list of (K, 3) arrays
+        Lines across holes: those that are found, or none, or these and what is found beside them.
     settings : ReliefSettings
     resources : Resources
     progress : callable, optional
@@ -81,6 +85,10 @@ def fill_regions(
             rest.append(targets)
             continue
         region, keep = part(targets)
+        if not isinstance(guides, str) and guide_curves(guides, region, find_features(region)):
+            # The user knows better how it goes on.
+            rest.append(targets)
+            continue
         like = likes.fill(region, np.flatnonzero(ground.kept)[np.flatnonzero(keep & ground.measured)])
         if like is None:
             rest.append(targets)
@@ -91,8 +99,11 @@ def fill_regions(
         # Their extents are of one size: what is left is filled together.
         rest = [np.sort(np.concatenate(rest))]
     found: list[CoherentFilling] = []
+    crossed = 0
     for number, targets in enumerate(rest):
         region, keep = part(targets)
+        region, guidance, curves = _steered(region, guides)
+        crossed += curves
 
         def report(done: int, total: int, number: int = number) -> None:
             if progress is not None:
@@ -106,6 +117,7 @@ def fill_regions(
             seed=resources.seed + number,
             device=resources.device,
             weights=weights,
+            guidance=guidance,
             progress=report,
         )
         out.take(filling, keep)
@@ -115,9 +127,26 @@ def fill_regions(
     notes += _said_of_copies(copied, ground.spacing)
     if likes is not None and not isinstance(settings.symmetry, str) and rest:
         notes += (f"symmetry: {len(rest)} of {len(holes)} holes lead to no measured surface, and are filled by pieces",)
+    if crossed:
+        notes += (f"{crossed} {'line' if crossed == 1 else 'lines'} carried on across the holes",)
+    elif not isinstance(guides, str):
+        notes += ("guides: none of them runs across a hole that was filled",)
     if found:
         notes += _said_of_pieces(found, isinstance(ground.base, SmoothBase), turning, settings, resources)
     return out.filled(notes)
+
+
+def _steered(region: Ground, guides: str | list[Array]) -> tuple[Ground, Guidance | None, int]:
+    """Return a hole's ground, drawn onto the lines that cross it, what guides the search, and how many lines there are."""
+    if guides == "none" or (guides == "auto" and not isinstance(region.base, SmoothBase)):
+        return region, None, 0
+    features = find_features(region)
+    given = [] if isinstance(guides, str) else guide_curves(guides, region, features)
+    found = joined(find_ends(region, features), region.spacing) if isinstance(region.base, SmoothBase) else []
+    curves = given + without_guided(found, given, region.spacing)
+    if not curves:
+        return region, None, 0
+    return *steered(region, curves, features), len(curves)
 
 
 def _likes(scan: Surface, taken: Array, allowed: Array | None, settings: ReliefSettings, resources: Resources) -> Likes | None:

@@ -15,7 +15,8 @@ from intaglio.errors import InputError
 from intaglio.kernels.correspondence import Field
 from intaglio.mesh import SmoothBase
 from intaglio.relief.coherent.averaging import average, averaging, edges_from
-from intaglio.relief.coherent.joining import Wishes, ask_sources, coherence, join
+from intaglio.relief.coherent.guidance import Guidance
+from intaglio.relief.coherent.joining import Anchors, Wishes, ask_sources, coherence, join
 from intaglio.relief.coherent.search import FieldSearch, Weights
 from intaglio.relief.coherent.surroundings import Surroundings
 from intaglio.relief.coherent.tables import SurfaceTables
@@ -82,6 +83,7 @@ def fill_coherently(
     seed: int = 0,
     device: str = "cpu",
     weights: Weights | None = None,
+    guidance: Guidance | None = None,
     progress: Progress | None = None,
 ) -> CoherentFilling:
     """Fill the targets of a ground with coherent pieces of measured relief.
@@ -100,6 +102,8 @@ def fill_coherently(
     seed : int
     device : str
     weights : Weights, optional
+    guidance : Guidance, optional
+        Lines that go on across the hole.
     progress : callable, optional
         Called with (rounds done, rounds to do).
 
@@ -108,7 +112,7 @@ def fill_coherently(
     InputError
         If no vertex may be taken.
     """
-    return _Completion(ground, allowed, turning, mirrored, seed, device, weights or Weights(), progress).run()
+    return _Completion(ground, allowed, turning, mirrored, seed, device, weights or Weights(), guidance, progress).run()
 
 
 class _Completion:
@@ -121,11 +125,12 @@ class _Completion:
         seed: int,
         device: str,
         weights: Weights,
+        guidance: Guidance | None,
         progress: Progress | None,
     ) -> None:
         graph = ground.topology.graph
         self._ground, self._device, self._weights, self._progress = ground, device, weights, progress
-        self._measured = ground.measured
+        self._measured, self._guidance = ground.measured, guidance
         inner = ground.measured & ~(np.asarray(graph @ (~ground.measured).astype(np.float32)) > 0)
         if allowed is not None:
             inner &= allowed
@@ -189,7 +194,7 @@ class _Completion:
             self._tables.patches(chosen, step, height, self._measured.astype(np.float64)),
             stands,
             turned,
-            (self._surroundings.likeness, self._surroundings.direction_in(self._ground)),
+            (self._likeness(), self._surroundings.direction_in(self._ground)),
             2.0 * self._depth,
         )
         self._located = self._tables.locate(self._targets, step)
@@ -229,7 +234,7 @@ class _Completion:
                 search.give_up_small_pieces(self._wishes(), 4 * self._depth)
             place = search.place[active]
             use = average(self._own, np.bincount(place[place >= 0], minlength=len(x)).astype(np.float64), 6)
-            x = join(self._wishes(), x, active, self._weights.pull)
+            x = join(self._wishes(), x, active, self._weights.pull, self._anchors())
             filled = active
             self._done += 1
             if self._progress is not None:
@@ -244,6 +249,22 @@ class _Completion:
         width = max(2, int(3 * step))
         return [*range(width, self._depth, width), *[self._depth] * _FIRST_ROUNDS]
 
+    def _likeness(self) -> Array:
+        """Return the surroundings' likeness (N, 4), with nearness to lines as its last."""
+        near = np.zeros(len(self._inner))
+        if self._guidance is not None:
+            near = self._guidance.nearness * np.sqrt(self._weights.line / self._weights.likeness)
+        return np.concatenate([self._surroundings.likeness, near[:, None]], axis=1)
+
+    def _anchors(self) -> Anchors | None:
+        """Return the heights, over the base as it is now, of targets that lie on lines."""
+        guidance, ground = self._guidance, self._ground
+        if guidance is None:
+            return None
+        at = guidance.vertices
+        away = np.einsum("ij,ij->i", guidance.points - ground.foot[at], ground.normal[at])
+        return Anchors(at, away / ground.spacing, guidance.weight)
+
     def _wishes(self) -> Wishes:
         return ask_sources(self._tables, self._search.field, self._height, self._measured)
 
@@ -256,7 +277,7 @@ class _Completion:
         self._ground = relaid(ground, vertices, self._plates[scale], scale * ground.spacing)
         height = self._ground.height / ground.spacing
         self._height = np.where(self._measured, height, 0.0)
-        return height if first else join(self._wishes(), height, ~self._measured)
+        return height if first else join(self._wishes(), height, ~self._measured, 0.0, self._anchors())
 
     def _result(self, x: Array) -> CoherentFilling:
         ground, field, count = self._ground, self._search.field, len(x)

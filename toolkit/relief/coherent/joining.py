@@ -92,7 +92,16 @@ def coherence(wishes: Wishes, measured: Array) -> float:
     return float(wishes.agrees[inner].mean()) if inner.any() else 1.0
 
 
-def join(wishes: Wishes, height: Array, active: Array, pull: float = 0.0) -> Array:
+@dataclass(frozen=True)
+class Anchors:
+    """Vertices (K,) whose heights are known to be about ``height`` (K,), each as sure as ``weight`` edges."""
+
+    vertices: Array
+    height: Array
+    weight: float
+
+
+def join(wishes: Wishes, height: Array, active: Array, pull: float = 0.0, anchors: Anchors | None = None) -> Array:
     """Return heights (N,) that fulfil the wishes of active targets in the least squares; all others keep theirs.
 
     Minimises the sum over edges of (h_j - h_i - wish)^2 + pull (h_i - h_source)^2; inside a piece all wishes agree.
@@ -106,6 +115,8 @@ def join(wishes: Wishes, height: Array, active: Array, pull: float = 0.0) -> Arr
         The targets to solve for; edges to other targets don't count.
     pull : float
         How much the sources' own heights count: 0 where the base below them is not certain.
+    anchors : Anchors, optional
+        Adds weight (h_k - height)^2 for each.
     """
     targets = np.flatnonzero(active)
     held = np.ones(len(height), bool)
@@ -123,6 +134,11 @@ def join(wishes: Wishes, height: Array, active: Array, pull: float = 0.0) -> Arr
     drawn = pull * wishes.known[use]
     diagonal += np.bincount(a, drawn, count)
     right += np.bincount(a, drawn * wishes.height[use], count)
+    if anchors is not None:
+        own = active[anchors.vertices]
+        at = number[anchors.vertices[own]]
+        diagonal += np.bincount(at, np.full(len(at), anchors.weight), count)
+        right += np.bincount(at, anchors.weight * anchors.height[own], count)
     outer = wishes.other[use][~inner]
     right += np.bincount(a[~inner], weight[~inner] * height[outer], count)
     pairs = np.concatenate([a[inner], b[inner]]), np.concatenate([b[inner], a[inner]])

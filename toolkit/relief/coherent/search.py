@@ -30,6 +30,8 @@ class Weights:
     ----------
     missing, coherence, locality, likeness, direction, use : float
         See `intaglio.kernels.correspondence.Terms`.
+    line : float
+        What a source costs that lies on a line where the target doesn't, or the other way round.
     upright : float
         See there; for bases on which all frames lie one way.
     decay : float
@@ -46,6 +48,7 @@ class Weights:
     likeness: float = 0.2
     direction: float = 0.1
     use: float = 0.3
+    line: float = 1.0
     upright: float = 0.0
     afloat: float = 1.0
     pull: float = 0.0
@@ -107,8 +110,8 @@ class FieldSearch:
             Patches of the sources, or of some that stand for all.
         stands, turn : (S,) arrays
             See `SurfaceTables.thinned`.
-        surroundings : (N, 3), (N, 2) arrays
-            Likeness and direction; see `Surroundings`.
+        surroundings : (N, 4), (N, 2) arrays
+            Likeness, lines among it, and direction; see `Surroundings` and `Guidance`.
         reach : float
             Distance in spacings beyond which a source is far.
         """
@@ -119,7 +122,7 @@ class FieldSearch:
         row_turn[self.sources] = turn
         compared = self._compared
         compared.row, compared.row_turn = upload(row, wp.int32, self._device), upload(row_turn, wp.float32, self._device)
-        compared.likeness = upload(surroundings[0], wp.vec3, self._device)
+        compared.likeness = upload(surroundings[0], wp.vec4, self._device)
         compared.direction = upload(surroundings[1], wp.vec2, self._device)
         known = self._grid_weight * (sources[..., 3] > 0)
         total = np.maximum(known.sum(axis=1), 1e-9)
