@@ -397,6 +397,12 @@ class Table:
             "PreparedRelief.complete": lambda: (it("prepare_relief")(self.scan, "plane", extent="holes", **cpu).complete, {
                 "settings": self.it.ReliefSettings(window=2, rotations=1),
                 "exemplar": np.ones(len(self.scan.vertices), bool), "guides": "auto", "seed": 0, "memory": None, **quiet}),
+            "PreparedRelief.candidates": lambda: (it("prepare_relief")(self.scan, "plane", extent="holes", **cpu).candidates, {
+                "count": 2, "settings": self.it.ReliefSettings(window=2, rotations=1),
+                "exemplar": np.ones(len(self.scan.vertices), bool), "guides": "auto", "seed": 0, "memory": None, **quiet}),
+            "write_candidates_report": lambda: (it("write_candidates_report"), {
+                "candidates": [self.completed], "path": files("c.html"), "truth": self.sheet, "title": "t", "scan": self.scan,
+                "size": 8, **cpu}),
             "PreparedRelief": lambda: (it("PreparedRelief"), fields(
                 self.it.prepare_relief(self.scan, "plane", extent="holes", **cpu))),
             "ReliefSettings": lambda: (it("ReliefSettings"), fields(self.it.ReliefSettings(window=2, error=1.0))),

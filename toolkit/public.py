@@ -77,6 +77,7 @@ from intaglio.relief import (
     list_holes,
     prepare_relief,
     read_guides,
+    write_candidates_report,
     write_relief_report,
 )
 from intaglio.restoration import Restoration, RestorationReport, assess_restoration, restore
@@ -196,6 +197,7 @@ __all__ = [
     "synthesize_each_light",
     "tilt_and_slant",
     "wrap_geometry",
+    "write_candidates_report",
     "write_exr",
     "write_gltf",
     "write_image",

@@ -101,6 +101,13 @@ _SETTINGS = (
 @click.option("--strict", is_flag=True, help="Refuse a mesh whose faces must be mended to join as a surface.")
 @click.option("--truth", type=FilePath(), default=None, help="Known surface, for the report.")
 @click.option("--report", type=FilePath(), default=None, help="HTML report with pictures and figures.")
+@click.option(
+    "--candidates",
+    type=click.IntRange(1, 100),
+    default=1,
+    show_default=True,
+    help="Completions to choose from, of this and the next seeds: OUTPUT-1, OUTPUT-2 …; the report shows them together.",
+)
 @common
 def complete(
     scan: Path,
@@ -130,32 +137,51 @@ def complete(
         return
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
-    check_writable(output, inputs=(scan,) if truth is None else (scan, truth))
+    count = options["candidates"]
+    outputs = [output] if count == 1 else [output.with_stem(f"{output.stem}-{k}") for k in range(1, count + 1)]
+    for file in outputs:
+        check_writable(file, inputs=(scan,) if truth is None else (scan, truth))
     known_suffix(output, WRITABLE, "mesh")
     if report is not None:
-        check_writable(report, inputs=(scan, output))
+        check_writable(report, inputs=(scan, *outputs))
         known_suffix(report, (".html", ".htm"), "report")
     known = None if truth is None else intaglio.read_surface(truth)
     surface = intaglio.read_surface(scan, view=view, strict=strict)
-    for file in files_beside(surface, output, to_be_filled=True):
-        check_writable(file, inputs=(scan,))
+    for made in outputs:
+        for file in files_beside(surface, made, to_be_filled=True):
+            check_writable(file, inputs=(scan,))
     start = time.perf_counter()
     try:
-        whole = _complete(surface, options)
+        candidates = _complete(surface, options)
     except (InputError, intaglio.FitError) as error:
         if str(error).partition(" ")[0] in options:
             # About an option, not about the scan.
             raise
         raise type(error)(f"{scan}: {error}") from error
-    for note in whole.notes:
-        click.echo(f"  {note}", err=True)
-    intaglio.write_surface(whole, output)
-    filled = int((~whole.measured).sum())
-    seconds = time.perf_counter() - start
-    click.echo(f"wrote {output}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {seconds:.1f} s")
+    filled = 0
+    for number, (whole, made) in enumerate(zip(candidates, outputs, strict=True)):
+        # What the scan and its base said is said once.
+        said = whole.notes if number == 0 else [note for note in whole.notes if note not in candidates[0].notes]
+        for note in said:
+            click.echo(f"  {note}", err=True)
+        intaglio.write_surface(whole, made)
+        filled = int((~whole.measured).sum())
+        seconds = time.perf_counter() - start
+        click.echo(f"wrote {made}: {len(whole.vertices) - filled} measured and {filled} filled vertices, {seconds:.1f} s")
     if report is not None and filled == 0:
         click.echo(f"no report: what was missing of {scan} was closed by triangles alone, there is nothing to assess")
+    elif report is not None and count > 1:
+        intaglio.write_candidates_report(
+            candidates,
+            report,
+            truth=known,
+            scan=surface,
+            title=f"{scan.name} completed, {count} candidates",
+            device=options["device"],
+        )
+        click.echo(f"wrote {report}")
     elif report is not None:
+        whole = candidates[0]
         figures = intaglio.write_relief_report(
             whole, report, truth=known, scan=surface, title=f"{scan.name} completed", device=options["device"]
         )
@@ -164,8 +190,8 @@ def complete(
         click.echo(f"wrote {report}")
 
 
-def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Surface:
-    """Complete a scan as the command's options say."""
+def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> list[intaglio.Surface]:
+    """Complete a scan as the command's options say, as often as they say."""
     settings = {name: options[name] for name in _SETTINGS}
     if options["oversample_levels"] is not None:
         if options["oversample"] is not None:
@@ -176,7 +202,8 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> intaglio.Su
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
     with ProgressBar("completing") as bar:
         prepared = intaglio.prepare_relief(surface, near=options["exemplar"] == "near", **laid)
-        return prepared.complete(
+        return prepared.candidates(
+            options["candidates"],
             intaglio.ReliefSettings(selection=selection, along_relief=along_relief, **settings),
             exemplar=options["exemplar"],
             guides=options["guides"],

@@ -154,10 +154,10 @@ def _likes(scan: Surface, taken: Array, allowed: Array | None, settings: ReliefS
     if isinstance(settings.symmetry, str):
         # Who says where relief may come from has chosen.
         wanted = settings.symmetry == "auto" and (allowed is None or bool(allowed.all()))
-        return Likes(scan, taken, None, resources.device) if wanted else None
+        return Likes(scan, taken, None, resources.rank, resources.device) if wanted else None
     if allowed is not None and not allowed.all():
         raise InputError("symmetry and exemplar both say where relief comes from: leave one of them out")
-    return Likes(scan, taken, given_poses(np.asarray(settings.symmetry)), resources.device)
+    return Likes(scan, taken, given_poses(np.asarray(settings.symmetry)), resources.rank, resources.device)
 
 
 def _said_of_copies(copied: list[LikeFilling], spacing: float) -> tuple[str, ...]:

@@ -22,11 +22,15 @@ from intaglio.relief.growth.surface_metric import SurfaceMetric
 
 @dataclass(frozen=True)
 class Resources:
-    """What a stage may use: ``seed`` of its random numbers, ``device``, and ``memory`` of the process in GiB, None for all."""
+    """What a stage may use: ``seed`` of its random numbers, ``device``, and ``memory`` of the process in GiB, None for all.
+
+    ``rank`` says which of the places is taken that are alike to a hole: 0 the best.
+    """
 
     seed: int
     device: str
     memory: float | None = None
+    rank: int = 0
 
 
 @dataclass(frozen=True)

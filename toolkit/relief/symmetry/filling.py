@@ -69,11 +69,13 @@ class Likes:
         Its vertices that may serve.
     poses : list of Pose, optional
         The poses to try; default all that registration finds.
+    rank : int
+        Which of the places that are alike is taken: 0 the best.
     device : str
     """
 
-    def __init__(self, scan: Surface, taken: Array, poses: list[Pose] | None, device: str) -> None:
-        self._scan, self._poses, self._device = scan, poses, device
+    def __init__(self, scan: Surface, taken: Array, poses: list[Pose] | None, rank: int, device: str) -> None:
+        self._scan, self._poses, self._rank, self._device = scan, poses, rank, device
         self._faces = scan.faces if taken.all() else scan.faces[taken[scan.faces].all(axis=1)]
         self._used = np.zeros(len(scan.vertices), bool)
         self._used[self._faces] = True
@@ -115,18 +117,19 @@ class Likes:
             matches = register.find(own, missing, radius, most=_POSES)
         else:
             matches = register.settle(self._poses, own, missing, radius)
-        best: tuple[Copy, float] | None = None
+        given = self._poses is not None
+        found: list[tuple[Copy, float]] = []
         for match in matches:
             copy = lay_copy(ground, match.pose, around | ~ground.measured, self._scan.vertices, self._faces, self._device)
             if copy.reached[~ground.measured].mean() < _COVERED or copy.reached[around].mean() < _SURROUNDED:
                 continue
             value = unlikeness(ground, copy, around, radius)
-            if best is None or value < best[1]:
-                best = copy, value
-            if value < _CERTAIN:
+            if given or value < _UNLIKE:
+                found.append((copy, value))
+            if value < _CERTAIN and self._rank == 0:
                 break
-        given = self._poses is not None
-        return best if best is not None and (given or best[1] < _UNLIKE) else None
+        found.sort(key=lambda pair: pair[1])
+        return found[self._rank] if self._rank < len(found) else None
 
     def _near(self, missing: Array) -> tuple[Array, Register]:
         """Return the numbers of the vertices among which places are looked for, and them as registration sees them."""
