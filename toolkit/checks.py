@@ -11,6 +11,7 @@ import functools
 import inspect
 import operator
 import os
+import re
 import types
 from collections.abc import Callable, Mapping, Sequence, Sized
 from pathlib import Path
@@ -396,7 +397,7 @@ def _checked_kind(name: str, value: object, kind: str, scope: Mapping[str, objec
     known = scope.get(kind)
     if isinstance(known, types.UnionType):
         # An alias of several annotations.
-        annotation = str(known).replace("collections.abc.", "").replace("numpy.ndarray", "Array")
+        annotation = re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", str(known)).replace("ndarray", "Array")
         return _checked_by(name, value, annotation, scope)
     if getattr(known, "_is_protocol", False):
         lacking = [method for method in vars(known) if not method.startswith("_") and not hasattr(value, method)]

@@ -83,14 +83,17 @@ class HoleChoice(click.ParamType):
 
 
 class ExemplarChoice(click.ParamType):
-    """near, all, or four comma-separated numbers: a ball's centre and radius."""
+    """near, all, a file, or four comma-separated numbers: a ball's centre and radius."""
 
     name = "exemplar"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | tuple[float, ...]:
-        """Return the word or the numbers."""
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | Path | tuple[float, ...]:
+        """Return the word, the file's name or the numbers."""
         if value in ("near", "all"):
             return str(value)
+        # A name without commas, or of a file that is there.
+        if "," not in str(value) or Path(value).exists():
+            return Path(value)
         return Numbers(4).convert(value, param, ctx)
 
 

@@ -64,7 +64,14 @@ _SETTINGS = (
 @click.option("--hole-size", type=Numbers(2), default=None, help="low,high: only holes whose rim is so long.")
 @click.option("--relief-scale", type=float, default=None, help="Smooth base: longer waves are shape; default 12 spacings.")
 @click.option("--method", type=click.Choice(METHODS), default=None, help="Default pieces over a smooth base, else propagation.")
-@click.option("--exemplar", type=ExemplarChoice(), default="near", show_default=True, help="near, all, or a ball x,y,z,radius.")
+@click.option(
+    "--exemplar",
+    type=ExemplarChoice(),
+    multiple=True,
+    default=("near",),
+    show_default=True,
+    help="near, all, a ball x,y,z,radius, or files of other scans, with near or all beside them or not.",
+)
 @click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
 @click.option(
     "--guides", type=GuidesChoice(), default="auto", show_default=True, help="pieces: auto, none, or a file of polylines."
@@ -200,12 +207,17 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> list[intagl
     selection = intaglio.Selection(options["selection"], options["tolerance"], options["eta"])
     along_relief = options["frames"] == "relief"
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
+    given = [intaglio.read_surface(one) if isinstance(one, Path) else one for one in options["exemplar"]]
+    if len(given) > 1 and any(isinstance(one, tuple) for one in given):
+        raise click.UsageError("--exemplar takes a ball alone")
+    exemplar = given if len(given) > 1 or isinstance(given[0], intaglio.Surface) else given[0]
+    near = "all" not in given and not isinstance(given[0], tuple)
     with ProgressBar("completing") as bar:
-        prepared = intaglio.prepare_relief(surface, near=options["exemplar"] == "near", **laid)
+        prepared = intaglio.prepare_relief(surface, near=near, **laid)
         return prepared.candidates(
             options["candidates"],
             intaglio.ReliefSettings(selection=selection, along_relief=along_relief, **settings),
-            exemplar=options["exemplar"],
+            exemplar=exemplar,
             guides=options["guides"],
             seed=options["seed"],
             memory=click.get_current_context().params["memory"],

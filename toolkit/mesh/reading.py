@@ -229,7 +229,8 @@ def _own_surface(ply: Ply, path: Path) -> Surface:
     if len(raw.vertices) == 0:
         raise InputError("holds no vertices")
     names = ply.elements["vertex"]
-    optional: dict[str, Array] = {n: columns(n)[:, 0] for n in ("rotation", "error", "confidence", "file_vertex") if n in names}
+    known = ("rotation", "error", "confidence", "file_vertex", "exemplar", "exemplar_source")
+    optional = {name: columns(name)[:, 0] for name in known if name in names}
     if "mirrored" in names:
         optional["mirrored"] = columns("mirrored")[:, 0].astype(bool)
     own_faces = ply.columns("face", "measured")

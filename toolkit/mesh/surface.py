@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from intaglio.mesh.base import Base
 
 # Arrays with a row per vertex that are carried along as they are when vertices are chosen.
-PER_VERTEX = ("vertices", "base", "normal", "color", "measured", "rotation", "mirrored", "error", "confidence")
+_PROVENANCE = ("rotation", "mirrored", "exemplar", "exemplar_source", "error", "confidence")
+PER_VERTEX = ("vertices", "base", "normal", "color", "measured", *_PROVENANCE)
 # The same with a row per face, where faces are chosen.
 PER_FACE = ("uv", "measured_face", "face_picture")
 # So many rows are gone through at once, where a table of them all would be many times as large as the mesh.
@@ -55,6 +56,9 @@ class Surface:
     mirrored : (N,) bool array or None, optional
         Whether the source's neighbourhood was mirrored before it was turned: along the second axis of the local frame. Default
         None: none was.
+    exemplar, exemplar_source : (N,) int32 arrays or None, optional
+        Where relief came from other scans: which of them, from 1, and the vertex there; ``source`` is -1 then. 0 and -1 for
+        relief of the scan's own. Default None: all is.
     error : (N,) float32 array or None, optional
         Error of the accepted match: weighted mean squared distance, in the square of the input's unit; 0 where measured,
         infinite where no sample could be compared and a neighbour's relief was taken. Default None: nothing was matched.
@@ -121,6 +125,8 @@ class Surface:
     source: Array = None  # type: ignore[assignment]
     rotation: Array | None = None
     mirrored: Array | None = None
+    exemplar: Array | None = None
+    exemplar_source: Array | None = None
     error: Array | None = None
     confidence: Array | None = None
     measured_face: Array | None = None
@@ -160,7 +166,7 @@ class Surface:
             put("mirrored", checked_shape("mirrored", self.mirrored, bool, (count,)))
         if self.source is None:
             put("source", np.where(self.measured, np.arange(count), -1).astype(np.int32))
-        numbers = {"source": np.int32, "file_vertex": np.int32}
+        numbers = dict.fromkeys(("source", "file_vertex", "exemplar", "exemplar_source"), np.int32)
         for name, dtype in {**numbers, "rotation": np.float32, "error": np.float32, "confidence": np.float32}.items():
             value = getattr(self, name)
             if value is None:

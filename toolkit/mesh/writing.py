@@ -190,6 +190,10 @@ def _write_ply(surface: Surface, path: Path, pictures: list[str]) -> None:
         value = getattr(surface, name)
         if value is not None:
             fields.append((name, "float", value))
+    for name in ("exemplar", "exemplar_source"):
+        value = getattr(surface, name)
+        if value is not None:
+            fields.append((name, "int", value))
     if surface.mirrored is not None:
         fields.append(("mirrored", "uchar", surface.mirrored.astype(np.uint8)))
     if surface.color is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,8 @@ class Filled:
     copied : (N,) array or None
         Sources anywhere on the scan, by its own numbers; -1 where ``source`` tells.
     mirrored : (N,) bool array or None
+    exemplar, exemplar_source : (N,) arrays or None
+        As in `intaglio.Surface`.
     """
 
     ground: Ground
@@ -42,6 +44,8 @@ class Filled:
     notes: tuple[str, ...]
     copied: Array | None = None
     mirrored: Array | None = None
+    exemplar: Array | None = None
+    exemplar_source: Array | None = None
 
 
 def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ...], device: str) -> Surface:
@@ -100,6 +104,8 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
         source=source,
         rotation=spread(zeros, filled.rotation),
         mirrored=None if filled.mirrored is None else spread(np.zeros(kept, bool), filled.mirrored),
+        exemplar=None if filled.exemplar is None else spread(np.zeros(kept, np.int32), filled.exemplar),
+        exemplar_source=None if filled.exemplar_source is None else spread(np.full(kept, -1, np.int32), filled.exemplar_source),
         error=spread(zeros, filled.error),
         confidence=None if filled.confidence is None else spread(np.ones(kept, np.float32), filled.confidence),
         measured_face=np.arange(len(faces)) < int(scan_faces.sum()),
@@ -109,6 +115,8 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     )
     if scan.uv is None:
         return whole
+    if filled.exemplar is not None:
+        return replace(whole, notes=(*whole.notes, "the filling has no texture: its relief comes from other scans"))
     # Beyond the ground the normal gives the frame.
     u = perpendicular(whole.normal)
     v = np.cross(whole.normal, u)

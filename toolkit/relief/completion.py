@@ -11,7 +11,7 @@ from intaglio.checks import checked_arguments, checked_choice
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
 from intaglio.mesh import Base, Surface, border_edges
-from intaglio.relief.exemplar import Exemplar
+from intaglio.relief.exemplar import Exemplar, chosen_sources
 from intaglio.relief.ground import FRAMES, Ground, GroundOptions, Holes, prepare_ground
 from intaglio.relief.growth import (
     ReliefSettings,
@@ -75,9 +75,10 @@ def complete_relief(
     holes : {"all", "largest", "every"}, int or sequence of int, optional
         With a smooth base: what to fill. "all": the holes that the scan encloses (default); "every": where the scan ends as
         well; numbers as `list_holes` gives them.
-    exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
+    exemplar : {"near", "all"}, (V,) bool array, (K,) int array, (4,) sequence of float, Surface or sequence
         Where relief may come from. "near": over a smooth base the surroundings of each hole, else all of the scan. A mask or
-        numbers of the scan's vertices, or a ball: its centre and radius.
+        numbers of the scan's vertices, or a ball: its centre and radius. Pieces: another scan of the same material and at the
+        same scale, wherever it lies, or several, and "near" or "all" among them for the scan's own relief as well.
     guides : {"auto", "none"} or sequence of (K, 3) arrays
         Pieces: lines across the holes. "auto": creases, ridges and valleys that reach a rim on both sides and fit together are
         carried on. Polylines, as `read_guides` gives them, replace what is found near them and add to the rest.
@@ -137,7 +138,7 @@ def complete_relief(
         search=search,
         symmetry=symmetry,
     )
-    near = isinstance(exemplar, str) and exemplar == "near"
+    near = chosen_sources(surface, exemplar).near
     prepared = prepare_relief(surface, base, spacing=spacing, extent=extent, holes=holes, near=near, device=device)
     return prepared.complete(settings, exemplar=exemplar, guides=guides, seed=seed, progress=progress)
 

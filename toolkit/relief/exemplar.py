@@ -1,8 +1,9 @@
-"""Where relief may come from: the user's choice as vertices of the scan."""
+"""Where relief may come from: the user's choice as vertices of the scan, and other scans."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +11,50 @@ from intaglio.arrays import Array
 from intaglio.errors import InputError
 from intaglio.mesh import Surface
 
-Exemplar = str | Array | Sequence[float]
+Exemplar = str | Array | Sequence[float] | Surface | Sequence[str | Surface]
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where relief may come from.
+
+    Attributes
+    ----------
+    allowed : (V,) bool array or None
+        The scan's own vertices; None for all that lie near enough.
+    near : bool
+        Whether a hole's surroundings are enough to work on.
+    others : tuple of Surface
+        Other scans.
+    """
+
+    allowed: Array | None
+    near: bool
+    others: tuple[Surface, ...]
+
+
+def chosen_sources(surface: Surface, exemplar: Exemplar) -> Sources:
+    """Return where a scan's relief may come from.
+
+    Raises
+    ------
+    InputError
+        For an unknown choice, or one that holds nothing.
+    """
+    if isinstance(exemplar, Surface):
+        exemplar = [exemplar]
+    if isinstance(exemplar, Sequence) and any(isinstance(one, Surface) for one in exemplar):
+        words = [one for one in exemplar if not isinstance(one, Surface)]
+        if len(words) > 1 or any(not isinstance(word, str) or word not in ("near", "all") for word in words):
+            raise InputError(f"exemplar as a sequence holds surfaces, and 'near' or 'all' once at most; it holds {words!r}")
+        others = tuple(one for one in exemplar if isinstance(one, Surface))
+        own = np.full(len(surface.vertices), words == ["all"])
+        return Sources(None if words == ["near"] else own, words != ["all"], others)
+    chosen = chosen_vertices(surface, exemplar)
+    near = isinstance(exemplar, str) and exemplar == "near"
+    if chosen is None and not near:
+        chosen = np.ones(len(surface.vertices), bool)
+    return Sources(chosen, near, ())
 
 
 def chosen_vertices(surface: Surface, exemplar: Exemplar) -> Array | None:
@@ -27,7 +71,7 @@ def chosen_vertices(surface: Surface, exemplar: Exemplar) -> Array | None:
     InputError
         For an unknown choice, or one that holds no vertex.
     """
-    meaning = "exemplar must be 'near', 'all', a mask or numbers of vertices, or a ball (x, y, z, radius)"
+    meaning = "exemplar must be 'near', 'all', a mask or numbers of vertices, a ball (x, y, z, radius), or other surfaces"
     count = len(surface.vertices)
     if isinstance(exemplar, str):
         if exemplar not in ("near", "all"):

@@ -13,7 +13,7 @@ from intaglio.errors import InputError
 from intaglio.mesh import Base, SmoothBase, Surface
 from intaglio.randomness import checked_seed
 from intaglio.relief.assembly import Filled, assemble
-from intaglio.relief.exemplar import Exemplar, chosen_vertices
+from intaglio.relief.exemplar import Exemplar, chosen_sources
 from intaglio.relief.ground import Ground, GroundOptions, prepare_ground
 from intaglio.relief.growth import (
     Comparison,
@@ -167,9 +167,9 @@ class PreparedRelief:
         ----------
         settings : ReliefSettings, optional
             Default: every choice left to the relief.
-        exemplar : {"near", "all"}, (V,) bool array, (K,) int array or (4,) sequence of float
-            The vertices of the scan whose relief may be taken; see `complete_relief`. Their surroundings are compared as a whole
-            all the same.
+        exemplar : {"near", "all"}, (V,) bool array, (K,) int array, (4,) sequence of float, Surface or sequence
+            The vertices of the scan whose relief may be taken, or other scans; see `complete_relief`. The scan's surroundings are
+            compared as a whole all the same.
         guides : {"auto", "none"} or sequence of (K, 3) arrays
             Lines across the holes; see `complete_relief`.
         seed : int
@@ -280,7 +280,7 @@ class PreparedRelief:
         if progress is not None and not callable(progress):
             raise InputError(f"progress must be callable, not {type(progress).__name__}")
         ground = self.ground
-        chosen = chosen_vertices(self.surface, exemplar)
+        sources = chosen_sources(self.surface, exemplar)
         lines = checked_guides(guides)
         relief = ground.height[ground.measured]
         flat: tuple[str, ...] = ()
@@ -288,11 +288,10 @@ class PreparedRelief:
             flat = ("the scan has no relief over its base: what was filled is the smooth surface",)
         smooth = isinstance(ground.base, SmoothBase)
         if (settings.method or ("pieces" if smooth else "propagation")) == "pieces":
-            near = isinstance(exemplar, str) and exemplar == "near"
-            everything = np.ones(len(self.surface.vertices), bool) if chosen is None else chosen
-            allowed = None if near else everything[ground.kept]
-            filled = fill_regions(self.surface, ground, allowed, lines, settings, resources, progress)
+            filled = fill_regions(self.surface, ground, sources, lines, settings, resources, progress)
             return assemble(self.surface, ground, filled, filled.notes + flat, self.device)
+        if sources.others:
+            raise InputError("exemplar holds other scans, which go with method='pieces'; leave them out or change the method")
         if not isinstance(lines, str):
             raise InputError("guides go with method='pieces'; leave them out or change the method")
         settings = replace(settings, refine=refinement_passes(settings, smooth or self.options.extent == "holes"))
@@ -305,7 +304,7 @@ class PreparedRelief:
         if settings.levels > 1:
             ground, comparison, parameters, said = self._complete_coarser(settings, comparison, parameters, resources)
             notes += said
-        samples, oversampled = self._samples(ground, settings, parameters, chosen)
+        samples, oversampled = self._samples(ground, settings, parameters, sources.allowed)
         stage = run_stage(ground, samples, parameters, settings, comparison, resources, progress)
         notes += stage.notes
         notes += _account(ground, stage, settings, parameters, resources, oversampled)

@@ -13,10 +13,12 @@ from intaglio.errors import InputError
 from intaglio.mesh import SmoothBase, Sphere, Surface
 from intaglio.relief.assembly import Filled
 from intaglio.relief.coherent import CoherentFilling, Guidance, Weights, fill_coherently
+from intaglio.relief.exemplar import Sources
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth import ReliefSettings, Resources, choose_parameters
 from intaglio.relief.lines import find_ends, find_features, guide_curves, joined, steered, without_guided
 from intaglio.relief.symmetry import LikeFilling, Likes, given_poses
+from intaglio.relief.transfer import Exemplars, beside, lay_exemplars
 
 # In words: a filling whose pieces are fewer neighbours than this is said to be so.
 _COHERENT = 0.85
@@ -28,7 +30,7 @@ _PULL, _UPRIGHT = 0.1, 0.3
 def fill_regions(
     scan: Surface,
     ground: Ground,
-    allowed: Array | None,
+    sources: Sources,
     guides: str | list[Array],
     settings: ReliefSettings,
     resources: Resources,
@@ -42,8 +44,8 @@ def fill_regions(
     ----------
     scan : Surface
     ground : Ground
-    allowed : (M,) bool array or None
-        Which of the measured vertices relief may be taken from; None for those around each hole.
+    sources : Sources
+        Where relief may be taken from.
     guides : {"auto", "none"} or list of (K, 3) arrays
         Lines across holes: those that are found, or none, or these and what is found beside them.
     settings : ReliefSettings
@@ -52,7 +54,11 @@ def fill_regions(
         Called with (steps done, steps to do).
     """
     count = len(ground.measured)
-    may = None if allowed is None else np.concatenate([allowed, np.zeros(count - len(allowed), bool)])
+    may = None
+    if sources.allowed is not None:
+        may = np.zeros(count, bool)
+        may[: int(ground.kept.sum())] = sources.allowed[ground.kept]
+    exemplars = lay_exemplars(list(sources.others), ground) if sources.others else None
     # Over a smooth base the frames lie by chance: there a direction says nothing.
     turning, weights = True, Weights()
     notes: tuple[str, ...] = ()
@@ -71,13 +77,12 @@ def fill_regions(
     if not holes:
         # Rims so narrow that triangles alone close them.
         return out.filled(())
-    near = may is None
 
     def part(targets: Array) -> tuple[Ground, Array]:
         everything = len(targets) == int((~ground.measured).sum())
-        return (ground, np.ones(count, bool)) if everything else ground.around(targets, near=near)
+        return (ground, np.ones(count, bool)) if everything else ground.around(targets, near=sources.near)
 
-    likes = _likes(scan, ground.taken, allowed, settings, resources)
+    likes = _likes(scan, ground.taken, sources, settings, resources)
     copied: list[LikeFilling] = []
     rest: list[Array] = []
     for targets in holes:
@@ -102,6 +107,10 @@ def fill_regions(
     crossed = 0
     for number, targets in enumerate(rest):
         region, keep = part(targets)
+        own = None if may is None else may[keep]
+        if exemplars is not None:
+            own = np.concatenate([region.measured if own is None else own, np.ones(len(exemplars.foot), bool)])
+            region = beside(region, exemplars)
         region, guidance, curves = _steered(region, guides)
         crossed += curves
 
@@ -111,7 +120,7 @@ def fill_regions(
 
         filling = fill_coherently(
             region,
-            None if may is None else may[keep],
+            own,
             turning=turning,
             mirrored=settings.mirror,
             seed=resources.seed + number,
@@ -120,10 +129,12 @@ def fill_regions(
             guidance=guidance,
             progress=report,
         )
-        out.take(filling, keep)
+        out.take(filling, keep, exemplars)
         found.append(filling)
     if progress is not None and not found:
         progress(1, 1)
+    if exemplars is not None:
+        notes += exemplars.notes
     notes += _said_of_copies(copied, ground.spacing)
     if likes is not None and not isinstance(settings.symmetry, str) and rest:
         notes += (f"symmetry: {len(rest)} of {len(holes)} holes lead to no measured surface, and are filled by pieces",)
@@ -149,13 +160,14 @@ def _steered(region: Ground, guides: str | list[Array]) -> tuple[Ground, Guidanc
     return *steered(region, curves, features), len(curves)
 
 
-def _likes(scan: Surface, taken: Array, allowed: Array | None, settings: ReliefSettings, resources: Resources) -> Likes | None:
+def _likes(scan: Surface, taken: Array, sources: Sources, settings: ReliefSettings, resources: Resources) -> Likes | None:
     """Return where likes of holes are looked for, if they are."""
+    # Who says where relief may come from has chosen.
+    anywhere = not sources.others and (sources.allowed is None or bool(sources.allowed.all()))
     if isinstance(settings.symmetry, str):
-        # Who says where relief may come from has chosen.
-        wanted = settings.symmetry == "auto" and (allowed is None or bool(allowed.all()))
+        wanted = settings.symmetry == "auto" and anywhere
         return Likes(scan, taken, None, resources.rank, resources.device) if wanted else None
-    if allowed is not None and not allowed.all():
+    if not anywhere:
         raise InputError("symmetry and exemplar both say where relief comes from: leave one of them out")
     return Likes(scan, taken, given_poses(np.asarray(settings.symmetry)), resources.rank, resources.device)
 
@@ -208,6 +220,8 @@ class _Whole:
         self._rotation, self._error = np.zeros(count, np.float32), np.zeros(count, np.float32)
         self._confidence = np.ones(count, np.float32)
         self._copied, self._mirrored = np.full(count, -1, np.int32), np.zeros(count, bool)
+        self._exemplar, self._exemplar_source = np.zeros(count, np.int32), np.full(count, -1, np.int32)
+        self._other_color = None if ground.color is None else np.zeros((count, 3), np.float32)
 
     def take_copy(self, like: LikeFilling, keep: Array) -> None:
         """Take a hole's filling from its like."""
@@ -215,23 +229,32 @@ class _Whole:
         self._copied[at[target]] = like.source[target]
         self._mirrored[at[target]] = like.pose.mirrors
 
-    def take(self, filling: CoherentFilling, keep: Array) -> None:
-        """Take a hole's filling; ``keep`` (N,) says which vertices its part of the ground holds."""
+    def take(self, filling: CoherentFilling, keep: Array, exemplars: Exemplars | None) -> None:
+        """Take a hole's filling; ``keep`` (N,) says which vertices its part of the ground holds, before those of other scans."""
         at, target = self._take(filling.ground, filling.height, filling.rotation, filling.error, filling.confidence, keep)
-        self._source[at[target]] = at[filling.source[target]]
-        self._mirrored[at[target]] = filling.mirrored[target]
+        count, filled = len(at), at[target]
+        source = filling.source[:count][target]
+        own = source < count
+        self._source[filled[own]] = at[source[own]]
+        self._mirrored[filled] = filling.mirrored[:count][target]
+        if exemplars is not None:
+            there, other = filled[~own], source[~own] - count
+            self._exemplar[there], self._exemplar_source[there] = exemplars.scan[other], exemplars.number[other]
+            if self._other_color is not None and exemplars.color is not None:
+                self._other_color[there] = exemplars.color[other]
 
     def _take(
         self, part: Ground, height: Array, rotation: Array, error: Array, confidence: Array, keep: Array
     ) -> tuple[Array, Array]:
         """Take what fillings of both kinds have; return the numbers of the part's vertices, and which of them are targets."""
         at = np.flatnonzero(keep)
-        self._foot[at], self._normal[at], self._u[at] = part.foot, part.normal, part.u
-        target = ~part.measured
-        raised = part.foot + height[:, None] * part.normal
+        count = len(at)
+        self._foot[at], self._normal[at], self._u[at] = part.foot[:count], part.normal[:count], part.u[:count]
+        target = ~part.measured[:count]
+        raised = part.foot[:count] + height[:count, None] * part.normal[:count]
         self._vertices[at[target]] = raised[target]
         for whole, own in ((self._rotation, rotation), (self._error, error), (self._confidence, confidence)):
-            whole[at[target]] = own[target]
+            whole[at[target]] = own[:count][target]
         return at, target
 
     def filled(self, notes: tuple[str, ...]) -> Filled:
@@ -242,8 +265,10 @@ class _Whole:
             base = replace(base, vertices=self._foot, normals=self._normal)
         ground = replace(ground, base=base, foot=self._foot, normal=self._normal, u=self._u, v=np.cross(self._normal, self._u))
         color, own = ground.color, self._scan.color
-        if color is not None and own is not None:
+        if color is not None and own is not None and self._other_color is not None:
             color = np.where((self._copied >= 0)[:, None], own[self._copied], color[np.where(self._source >= 0, self._source, 0)])
+            color = np.where((self._exemplar > 0)[:, None], self._other_color, color)
+        others = bool((self._exemplar > 0).any())
         return Filled(
             ground,
             self._vertices,
@@ -255,4 +280,6 @@ class _Whole:
             notes,
             self._copied,
             self._mirrored if self._mirrored.any() else None,
+            self._exemplar if others else None,
+            self._exemplar_source if others else None,
         )

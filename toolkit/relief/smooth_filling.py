@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.mesh import Surface, adjacency, unique_edges
+from intaglio.mesh import SmoothBase, Surface, adjacency, unique_edges
 from intaglio.relief.fillings import restrict
 from intaglio.relief.ground import smooth_over_surface
 
@@ -17,10 +17,13 @@ _LENGTH = 12.0
 _HELD = 1e-9
 # The energy of a vertex reaches over two edges, and that of the held ones beside the filling over two more.
 _EDGES = 4
+_STEPS = 4
 
 
 def without_relief(surface: Surface) -> Surface:
-    """Return the completion with its filled part biharmonic over the base, joining the scan with continuous tangents.
+    """Return the completion with its filled part biharmonic, joining the scan with continuous tangents.
+
+    Over a smooth base it is fair in its own geometry, else over the base.
 
     Parameters
     ----------
@@ -42,14 +45,17 @@ def without_relief(surface: Surface) -> Surface:
     length = _LENGTH * _mean_edge(surface.base[vertices], faces)
     if not length > 0:
         return surface
-    made = smooth_over_surface(
-        np.where(free[:, None], surface.base[vertices], surface.vertices[vertices]),
-        surface.base[vertices],
-        faces,
-        length,
-        weight=np.where(free, _HELD, 1.0),
-        free=free,
-    )
+    made = surface.base[vertices]
+    # A smooth base goes along with the filling's relief, which the geometry must not know of: it is solved for, step by step.
+    for _ in range(_STEPS if isinstance(surface.model, SmoothBase) else 1):
+        made = smooth_over_surface(
+            np.where(free[:, None], made, surface.vertices[vertices]),
+            made,
+            faces,
+            length,
+            weight=np.where(free, _HELD, 1.0),
+            free=free,
+        )
     moved = surface.vertices.copy()
     moved[vertices[free]] = made[free]
     return replace(surface, vertices=moved)
