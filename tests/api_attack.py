@@ -388,8 +388,8 @@ class Table:
             "read_guides": lambda: (it("read_guides"), {"path": files("guides.txt")}),
             "list_holes": lambda: (it("list_holes"), {"surface": self.scan}),
             "complete_relief": lambda: (it("complete_relief"), {
-                "surface": self.scan, "base": "plane", "window": 2, "rotations": 1, "levels": 1, "refine": 0,
-                "color_weight": None, **relief, "exemplar": "near", "guides": "auto", "symmetry": "auto", "search": "auto",
+                "surface": self.scan, "base": "plane", "window": 2, "rotations": 1, "refine": 0,
+                "color_weight": None, **relief, "exemplar": "near", "guides": "auto", "symmetry": "auto",
                 "seed": 0, **quiet}),
             "prepare_relief": lambda: (it("prepare_relief"), {
                 "surface": self.scan, "base": "plane", **relief, "hole_size": None, "relief_scale": None, "frames": None,

@@ -14,7 +14,7 @@ from intaglio.kernels.launch import set_threads
 from intaglio.mesh import border_loops, directed_edges, grid_faces
 from intaglio.relief import regions, without_relief
 from intaglio.relief.coherent import fill_coherently
-from intaglio.relief.coherent.averaging import BANDS, average, averaging, bands, edges_from
+from intaglio.relief.coherent.averages import BANDS, average, averaging, bands, edges_from
 from intaglio.relief.coherent.joining import Wishes, join
 from intaglio.relief.coherent.search import FieldSearch, Weights
 from intaglio.relief.coherent.surroundings import Surroundings, slopes

@@ -13,7 +13,7 @@ from intaglio.synthesis import GrowOptions, Match, QuiltOptions
 
 # The command, the function whose options it has, and those of the command that mean something else by that name.
 PAIRS = [
-    ("complete", intaglio.complete_relief, set()),
+    ("complete", intaglio.complete_relief, {"exemplar"}),
     ("complete", intaglio.prepare_relief, set()),
     ("complete", intaglio.ReliefSettings, {"selection"}),
     ("complete", intaglio.Selection, set()),

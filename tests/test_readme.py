@@ -54,6 +54,8 @@ def folder(tmp_path, monkeypatch):
     statue.part(np.linalg.norm(statue.vertices - (1, 0, 0), axis=1) > 0.3).write("statue.ply")
     ball = bumpy(Surface(vertices=21 * egg.vertices, faces=egg.faces), 0.3)
     ball.part(ball.vertices[:, 2] > -10).write("golfball.ply")
+    bumpy(Surface(vertices=egg.vertices, faces=egg.faces), 0.03).write("sherd.ply")
+    Path("lines.obj").write_text("v 1 0 -0.4\nv 1.02 0 0\nv 1 0 0.4\nl 1 2 3\n")
     tube().write("bark.ply")
     tube().write("vase.obj")
     wall = bumpy(grid(24, 24), 0.02)

@@ -68,9 +68,7 @@ _SETTINGS = (
     "--exemplar",
     type=ExemplarChoice(),
     multiple=True,
-    default=("near",),
-    show_default=True,
-    help="near, all, a ball x,y,z,radius, or files of other scans, with near or all beside them or not.",
+    help="near (default), all, a ball x,y,z,radius, or files of other scans, with near or all beside them or not.",
 )
 @click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
 @click.option(
@@ -207,7 +205,7 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> list[intagl
     selection = intaglio.Selection(options["selection"], options["tolerance"], options["eta"])
     along_relief = options["frames"] == "relief"
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
-    given = [intaglio.read_surface(one) if isinstance(one, Path) else one for one in options["exemplar"]]
+    given = [intaglio.read_surface(one) if isinstance(one, Path) else one for one in options["exemplar"] or ("near",)]
     if len(given) > 1 and any(isinstance(one, tuple) for one in given):
         raise click.UsageError("--exemplar takes a ball alone")
     exemplar = given if len(given) > 1 or isinstance(given[0], intaglio.Surface) else given[0]

@@ -27,7 +27,6 @@ def complete_relief(
     *,
     window: int | None = None,
     rotations: int | None = None,
-    levels: int = 1,
     refine: int | None = None,
     color_weight: float | None = None,
     spacing: float | None = None,
@@ -36,7 +35,6 @@ def complete_relief(
     exemplar: Exemplar = "near",
     guides: Guides = "auto",
     symmetry: str | Sequence[float] = "auto",
-    search: str = "auto",
     seed: int = 0,
     device: str | None = None,
     progress: Progress | None = None,
@@ -61,8 +59,6 @@ def complete_relief(
         Propagation: radius of the neighbourhoods in edges, 1 to 64. See `ReliefSettings` for this and the next ones.
     rotations : int, optional
         1: relief is copied as it lies; more: it may be turned. Default from the relief.
-    levels : int
-        Propagation: scales, 1 to 6.
     refine : int, optional
         Propagation: refinement passes, 0 to 100.
     color_weight : float, optional
@@ -85,8 +81,6 @@ def complete_relief(
     symmetry : {"auto", "none"} or sequence of float
         Pieces: whether a hole is filled as a whole from its like elsewhere on the scan; a mirror plane (nx, ny, nz, d) or an axis
         (px, py, pz, dx, dy, dz, count) say where that is. See `ReliefSettings`.
-    search : {"auto", "exhaustive", "approximate"}
-        Propagation: compare every sample, or look in likely places.
     seed : int
         The same seed gives the same bits.
     device : str, optional
@@ -132,10 +126,8 @@ def complete_relief(
     settings = ReliefSettings(
         window=window,
         rotations=rotations,
-        levels=levels,
         refine=refine,
         color_weight=color_weight,
-        search=search,
         symmetry=symmetry,
     )
     near = chosen_sources(surface, exemplar).near

@@ -14,7 +14,7 @@ from intaglio.arrays import Array, Progress
 from intaglio.errors import InputError
 from intaglio.kernels.correspondence import Field
 from intaglio.mesh import SmoothBase
-from intaglio.relief.coherent.averaging import average, averaging, edges_from
+from intaglio.relief.coherent.averages import average, averaging, edges_from
 from intaglio.relief.coherent.guidance import Guidance
 from intaglio.relief.coherent.joining import Anchors, Wishes, ask_sources, coherence, join
 from intaglio.relief.coherent.search import FieldSearch, Weights

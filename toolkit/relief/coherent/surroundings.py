@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from intaglio.arrays import Array
-from intaglio.relief.coherent.averaging import average, averaging, bands
+from intaglio.relief.coherent.averages import average, averaging, bands
 from intaglio.relief.ground import Ground
 from intaglio.sparse import factor_symmetric
 

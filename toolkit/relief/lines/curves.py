@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from intaglio.arrays import Array
 from intaglio.mesh import unit
-from intaglio.relief.coherent.averaging import edges_from
+from intaglio.relief.coherent import edges_from
 from intaglio.relief.ground import Ground
 from intaglio.relief.lines.features import Features
 

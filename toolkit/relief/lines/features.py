@@ -8,7 +8,7 @@ import numpy as np
 
 from intaglio.arrays import Array
 from intaglio.mesh import unit, vertex_normals
-from intaglio.relief.coherent.averaging import average, averaging
+from intaglio.relief.coherent import average, averaging
 from intaglio.relief.ground import Ground
 
 # Normals are averaged so often: what bends less than some four edges wide is noise.

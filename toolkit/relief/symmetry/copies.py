@@ -12,7 +12,7 @@ from intaglio.kernels.geodesics import copy_kernel
 from intaglio.kernels.launch import launch, upload
 from intaglio.kernels.meshes import build_mesh
 from intaglio.mesh import vertex_normals
-from intaglio.relief.coherent.averaging import average, averaging
+from intaglio.relief.coherent import average, averaging
 from intaglio.relief.ground import Ground
 from intaglio.relief.symmetry.poses import Pose
 

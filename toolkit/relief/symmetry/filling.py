@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from intaglio.arrays import Array
 from intaglio.mesh import SmoothBase, Surface, perpendicular
-from intaglio.relief.coherent.averaging import edges_from
-from intaglio.relief.coherent.joining import Wishes, join
+from intaglio.relief.coherent import Wishes, edges_from, join
 from intaglio.relief.ground import Ground, ThinPlate, relaid, smooth_over_surface
 from intaglio.relief.symmetry.copies import Copy, lay_copy, unlikeness
 from intaglio.relief.symmetry.poses import Pose
