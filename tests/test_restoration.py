@@ -11,6 +11,7 @@ from intaglio.restoration.fill import ORIENTATIONS, synthesize_hole
 from intaglio.restoration.frequency import DEVIATION, choose_kappa, deviations, low_band
 from intaglio.restoration.inpaint import inpaint
 from intaglio.restoration.pipeline import METHODS, match_contrast
+from intaglio.restoration.plate import fill_with_plate, thin_part
 from intaglio.restoration.poisson import fit_to_surroundings
 
 
@@ -38,7 +39,9 @@ def test_known_pixels_keep_their_bits_and_the_rest_is_finite(method):
     places = np.moveaxis(np.indices(missing.shape), 0, 2)
     np.testing.assert_array_equal(found.source[~missing], places[~missing])
     if method != "inpaint":
-        assert not missing[tuple(found.source[missing].T)].any()
+        copied = missing & ~thin_part(missing) if method == "auto" else missing
+        assert copied.any()
+        assert not missing[tuple(found.source[copied].T)].any()
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -264,9 +267,12 @@ def test_slivers_are_inpainted():
     missing = np.ones((40, 40), bool)
     missing[:, ::4] = False
     image = np.zeros((40, 40), np.float32) + np.arange(40, dtype=np.float32)
-    found = restore(image, missing)
-    np.testing.assert_allclose(found.image[5:-5, 5:35], image[5:-5, 5:35], atol=1e-2)
-    assert "inpainted" in found.notes[0]
+    for method, said in (("split", "inpainted"), ("auto", "thin damage")):
+        found = restore(image, missing, method)
+        # A plate bends a little towards the image's free border.
+        inner = slice(5, -5), slice(5, 35 if method == "split" else 24)
+        np.testing.assert_allclose(found.image[inner], image[inner], atol=1e-2)
+        assert said in found.notes[0]
 
 
 def test_values_of_any_range_keep_their_detail():
@@ -299,3 +305,104 @@ def test_assessment_of_the_truth_is_the_truths():
     assert len(found.lines()) == 3
     with pytest.raises(InputError, match="part of the image"):
         assess_restoration(image, np.zeros(image.shape[:2], bool))
+
+
+def scratched(height=120, width=150):
+    """Lines of several widths across an image, and a hole."""
+    y, x = np.mgrid[:height, :width]
+    lines = np.zeros((height, width), bool)
+    for k, wide in enumerate((1, 2, 4, 7)):
+        lines |= np.abs(y - 25 * (k + 1) + 0.3 * x - 20) < wide / 2
+    return lines, (y - 60) ** 2 + (x - 110) ** 2 < 18**2
+
+
+def test_thin_damage_is_told_from_holes():
+    lines, hole = scratched()
+    thin = thin_part(lines | hole)
+    beside = ndimage.binary_dilation(hole, iterations=14)
+    # A line that runs out of the image aslant is wide there, as far as one can see.
+    inner = np.zeros_like(lines)
+    inner[:100] = True
+    assert thin[lines & inner & ~beside].all()
+    assert not thin[hole].any()
+    assert not thin_part(np.ones((30, 30), bool)).any()
+    assert not thin_part(np.zeros((30, 30), bool)).any()
+    # At the image's border nothing says that a hole ends there.
+    corner = np.zeros((40, 40), bool)
+    corner[:14, :14] = True
+    assert not thin_part(corner)[:12, :12].any()
+
+
+def test_a_plate_carries_slopes_and_bends_across():
+    """Across a scratch a plate continues what diffusion flattens: a ramp exactly, a wave better."""
+    y, x = np.mgrid[:60, :70].astype(float)
+    missing = np.abs(y - 30) < 3
+    chart = np.ones(missing.shape, int)
+    for image, bound in ((0.01 * x + 0.005 * y, 1e-4), (0.5 + 0.3 * np.cos(2 * np.pi * y / 20), 0.08)):
+        given = np.where(missing, 0.5, image)[:, :, None]
+        plate = fill_with_plate(given, missing, chart=chart)[:, :, 0]
+        assert np.abs(plate - image)[missing & (np.abs(x - 34.5) < 25)].max() < bound
+        assert np.array_equal(plate[~missing], given[~missing][:, 0].astype(np.float32))
+    membrane = inpaint(given, missing, chart=chart)[:, :, 0]
+    assert np.abs(plate - image)[missing].max() < 0.65 * np.abs(membrane - image)[missing].max()
+
+
+def test_a_plate_is_the_minimum_of_its_energy():
+    """Against a dense solution: every energy written out, all unknowns at once."""
+    rng = np.random.default_rng(3)
+    image, missing = rng.random((9, 10, 2)), np.zeros((9, 10), bool)
+    missing[3:6, 4:7] = missing[8, 0] = True
+    chart = np.ones(missing.shape, int)
+    chart[:, 8:] = 2
+    rows = []
+    number = np.arange(90).reshape(9, 10)
+    same = lambda p, q: chart[p] == chart[q]  # noqa: E731
+    reach = ndimage.binary_dilation(missing)
+    for y in range(9):
+        for x in range(10):
+            around = [(y + a, x + b) for a, b in ((0, 1), (1, 0), (0, -1), (-1, 0)) if 0 <= y + a < 9 and 0 <= x + b < 10]
+            around = [p for p in around if same(p, (y, x))]
+            if len(around) == 4 and reach[y, x]:
+                row = np.zeros(90)
+                row[number[y, x]] = 4
+                row[[number[p] for p in around]] = -1
+                rows.append(row)
+            for p in around:
+                if p > (y, x):
+                    row = np.zeros(90)
+                    row[number[y, x]], row[number[p]] = np.sqrt(0.8), -np.sqrt(0.8)
+                    rows.append(row)
+    system, free = np.array(rows), missing.reshape(-1)
+    values = image.reshape(90, 2)
+    found = np.linalg.lstsq(system[:, free], -system[:, ~free] @ values[~free], rcond=None)[0]
+    made = fill_with_plate(image, missing, chart=chart).reshape(90, 2)
+    np.testing.assert_allclose(made[free], found, atol=1e-5)
+
+
+def test_nothing_crosses_charts_and_barriers():
+    y, x = np.mgrid[:30, :40]
+    image = np.where(x < 20, 0.2, 0.9)[:, :, None]
+    missing = np.abs(y - 15) < 2
+    for options in ({"chart": np.where(x < 20, 1, 2)}, {"chart": np.ones(missing.shape, int), "barriers": np.abs(x - 19.5) < 1}):
+        made = fill_with_plate(np.where(missing[:, :, None], 0.5, image), missing, **options)
+        inner = missing & (np.abs(x - 19.5) > 1)
+        np.testing.assert_allclose(made[inner], image[inner], atol=1e-5)
+    # What nothing known leads to stays as it was.
+    alone = fill_with_plate(image, np.ones(missing.shape, bool), chart=np.ones(missing.shape, int))
+    np.testing.assert_array_equal(alone, image.astype(np.float32))
+
+
+def test_thin_damage_is_filled_as_suits_the_image():
+    """A photograph's soft shading asks for the plate, a regular pattern of stripes for copies: by trial on known pixels."""
+    soft = ndimage.gaussian_filter(np.random.default_rng(5).random((120, 150)), 4)
+    soft = ((soft - soft.min()) / np.ptp(soft))[:, :, None].astype(np.float32)
+    lines, hole = scratched()
+    missing = lines & ~ndimage.binary_dilation(hole, iterations=8)
+    for image, said, like in ((soft, "filled by a plate", "inpaint"), (texture(120, 150), "by trial", "split")):
+        off = {method: np.sqrt(((restore(image, missing, method).image - image)[missing] ** 2).mean()) for method in METHODS}
+        assert off["auto"] < 1.02 * min(off["split"], off["inpaint"])
+        assert off["auto"] < 1.001 * off[like]
+        assert said in restore(image, missing).notes[0]
+    both = restore(soft, lines | hole)
+    assert "thin damage" in both.notes[0]
+    assert np.isfinite(both.image).all()

@@ -113,7 +113,7 @@ class _Background(click.ParamType):
     ),
     click.option("--grazing", type=float, default=GRAZING, show_default=True, help="Degrees from the normal; no use beyond."),
 )
-@click.option("--restore", type=click.Choice([*METHODS, "none"]), default="split", show_default=True, help="What was not seen.")
+@click.option("--restore", type=click.Choice([*METHODS, "none"]), default="auto", show_default=True, help="What was not seen.")
 @click.option("--leave-out", multiple=True, help="Name of a photograph to compare with instead of using; may be repeated.")
 @click.option("--strict", is_flag=True, help="Refuse a mesh that must be mended, and photographs that are missing or scaled.")
 @click.option("--report", type=FilePath(), default=None, help="HTML report with pictures and figures.")
@@ -217,7 +217,7 @@ def _pictures(photographs: list[Photograph]) -> list[Path]:
 @click.argument("image", type=FilePath())
 @click.argument("mask", type=FilePath())
 @click.option("-o", "--output", required=True, type=FilePath(), help="Image to write; PNG, TIFF or EXR keep all bits.")
-@click.option("--method", type=click.Choice(METHODS), default="split", show_default=True)
+@click.option("--method", type=click.Choice(METHODS), default="auto", show_default=True)
 @grouped(
     "synthesis",
     dict,

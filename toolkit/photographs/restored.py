@@ -19,7 +19,7 @@ from intaglio.restoration import restore
 @checked_arguments
 def restore_texture(
     texture: Texture,
-    method: str = "split",
+    method: str = "auto",
     *,
     kappa: int | None = None,
     levels: int = 3,
@@ -39,8 +39,9 @@ def restore_texture(
     ----------
     texture : Texture
         From `combine_photographs`; texels on the surface that are not ``known`` are filled.
-    method : {"split", "inpaint", "synthesize"}, optional
-        Both bands, each by the method that suits it; or one of the methods for all of the texture. See `restore`.
+    method : {"auto", "split", "inpaint", "synthesize"}, optional
+        Thin gaps by a plate and the rest by both bands, each by the method that suits it; or one of the methods for all of the
+        texture. See `restore`.
     kappa : int, optional
         Number of subbands in the low band, 0 to 512. Default None: the smallest number that leaves the high band homogeneous.
     levels : int, optional
@@ -52,8 +53,8 @@ def restore_texture(
     refine : int, optional
         Passes of texture optimisation over the filled region, 0 to 10.
     seams : bool, optional
-        Fit the filled texels to the known ones around them by the differences of their sources. Default None: for "split"
-        only.
+        Fit the filled texels to the known ones around them by the differences of their sources. Default None: for "auto"
+        and "split" only.
     device : str, optional
         ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional

@@ -23,7 +23,9 @@ from intaglio.kernels.pull_push import continue_image
 from intaglio.restoration.fill import find_whole_neighborhoods, synthesize_hole
 from intaglio.restoration.frequency import MOST_SUBBANDS, choose_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
+from intaglio.restoration.plate import fill_with_plate, thin_part
 from intaglio.restoration.poisson import fit_to_surroundings
+from intaglio.restoration.trial import first_is_better
 from intaglio.synthesis import SIDES, SampleMaps, optimize_texture
 
 # The most windows of the known part that the filled part is matched with.
@@ -33,7 +35,7 @@ _MOST_WINDOWS = 8_000
 # _SURROUNDINGS pixels; the contrast changes by a factor of at most _MOST_CONTRAST.
 _FINE, _SURROUNDINGS, _MOST_CONTRAST = 2.0, 24.0, 1.25
 
-METHODS = ("split", "inpaint", "synthesize")
+METHODS = ("auto", "split", "inpaint", "synthesize")
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,8 @@ class Restoration:
     missing : (H, W) bool array
         The pixels that were filled.
     source : (H, W, 2) int32 array
-        Row and column of the pixel whose detail each pixel carries; known pixels carry their own, and with inpainting alone
-        all do.
+        Row and column of the pixel whose detail each pixel carries; known pixels carry their own, and so do those of thin
+        damage, and with inpainting alone all.
     low : (H, W) or (H, W, C) float64 array
         The low band, with its missing part inpainted; zero for synthesis alone.
     kappa : int
@@ -100,7 +102,7 @@ class Restoration:
 def restore(
     image: Array,
     missing: Array,
-    method: str = "split",
+    method: str = "auto",
     *,
     kappa: int | None = None,
     levels: int = 3,
@@ -127,11 +129,12 @@ def restore(
         visible. Missing pixels may hold anything.
     missing : (H, W) bool array
         The pixels to fill.
-    method : {"split", "inpaint", "synthesize"}, optional
-        Both bands, each by the method that suits it; or one of the methods for the whole image. Default "split", as
-        published.
+    method : {"auto", "split", "inpaint", "synthesize"}, optional
+        "split": both bands, each by the method that suits it, as published; or one of the methods for the whole image. "auto",
+        the default: damage under 11 pixels wide by a thin plate through its two sides, the rest by "split"; where copies are
+        clearly nearer to what is known, on damage of the same shape laid beside it, all by "split".
     kappa : int, optional
-        Number of subbands in the low band, 0 to 512; a subband is half a cycle over the longer side. Only for "split".
+        Number of subbands in the low band, 0 to 512; a subband is half a cycle over the longer side. Only for "auto" and "split".
         Default None: the smallest number that leaves the high band homogeneous.
     levels : int, optional
         Levels of the pyramid, 1 to 6; n + 1 in section 5.4.
@@ -145,7 +148,7 @@ def restore(
         published.
     seams : bool, optional
         Fit the filled pixels to the known ones around them by the differences of their sources (Poisson). Default None: for
-        "split" only, as it diffuses what is known, which synthesis alone does not.
+        "auto" and "split" only, as they diffuse what is known, which synthesis alone does not.
     barriers : (H, W) bool array, optional
         Pixels across which nothing diffuses, so that an edge stays an edge; a slanted line must be two pixels wide. Default
         None: there are none.
@@ -229,6 +232,25 @@ def restore(
     scaled = ((exact - low_end) / span).astype(np.float32)
     smooth = inpaint(scaled, hole, chart=chart, barriers=stops)
     notes: list[str] = []
+    thin = np.zeros_like(hole)
+    if method == "auto":
+        thin = thin_part(hole)
+
+        def by_plate(part: Array, gone: Array, charts: Array) -> Array:
+            return fill_with_plate(inpaint(part, gone, chart=charts), gone, chart=charts)
+
+        def by_copies(part: Array, gone: Array, charts: Array) -> Array:
+            return restore(part, gone, "split", levels=levels, refine=refine, inside=charts, device=chosen).image
+
+        if thin.any() and not first_is_better(smooth, hole, thin, chart, by_plate, by_copies):
+            notes.append("thin damage is copied as the rest is: that was nearer to what is known, by trial")
+            thin = np.zeros_like(hole)
+        method = "inpaint" if (thin == hole).all() else "split"
+        if thin.any():
+            smooth = fill_with_plate(smooth, thin, chart=chart, barriers=stops)
+            notes.append(
+                f"{int(thin.sum())} of {int(hole.sum())} missing pixels are thin damage, filled by a plate through its sides"
+            )
     if method != "inpaint" and not find_whole_neighborhoods(known, chart).any():
         notes.append("no 5 x 5 neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
         method = "inpaint"
@@ -261,6 +283,9 @@ def restore(
         if seams or (seams is None and method == "split"):
             detail = fit_to_surroundings(detail, high, source, turn, hole, chart)
         result = low + match_contrast(detail, hole, known)
+    # Detail is copied from what is known alone: thin damage is no sample, and takes none.
+    result = np.where(thin[:, :, None], smooth, result)
+    source = np.where(thin[:, :, None], here, source)
     filled = _restore_type(result.astype(np.float64) * span + low_end, given, low_end, high_end)
     image_out = given.copy().reshape(values.shape)
     image_out[hole] = filled[hole]

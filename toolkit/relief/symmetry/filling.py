@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -58,6 +58,30 @@ class LikeFilling:
     unlikeness: float
 
 
+@dataclass(frozen=True)
+class _Near:
+    """A part of the scan, as registration sees it and as a mesh; ``number`` are the scan's numbers of its vertices, sorted."""
+
+    number: Array
+    points: Array
+    faces: Array
+    register: Register
+
+    @classmethod
+    def of(cls, scan: Surface, number: Array, faces: Array) -> _Near:
+        """Take the vertices ``number``, and those of the ``faces`` that they hold."""
+        local = np.full(len(scan.vertices), -1, np.int32)
+        local[number] = np.arange(len(number))
+        mapped = local[faces]
+        points = scan.vertices[number]
+        return cls(number, points, mapped[(mapped >= 0).all(axis=1)], Register(points, scan.normal[number]))
+
+    def local(self, numbers: Array) -> Array:
+        """Return the numbers here of those of the scan's vertices that are here."""
+        at = np.minimum(np.searchsorted(self.number, numbers), len(self.number) - 1)
+        return at[self.number[at] == numbers]
+
+
 class Likes:
     """The scan as a source of likes for its holes.
 
@@ -78,7 +102,7 @@ class Likes:
         self._faces = scan.faces if taken.all() else scan.faces[taken[scan.faces].all(axis=1)]
         self._used = np.zeros(len(scan.vertices), bool)
         self._used[self._faces] = True
-        self._register: tuple[Array, Register] | None = None
+        self._register: _Near | None = None
 
     def fill(self, ground: Ground, kept: Array) -> LikeFilling | None:
         """Return a hole filled from its like; None where nothing on the scan is like it.
@@ -105,21 +129,19 @@ class Likes:
         return None if best is None else self._joined(ground, kept, around, radius, *best)
 
     def _best(self, ground: Ground, kept: Array, around: Array, missing: Array, radius: float) -> tuple[Copy, float] | None:
-        number, register = self._near(missing)
-        local = np.full(len(self._scan.vertices), -1)
-        local[number] = np.arange(len(number))
-        own = local[kept[np.flatnonzero(around[ground.measured])]]
-        own = own[own >= 0]
+        near = self._near(missing)
+        own = near.local(kept[np.flatnonzero(around[ground.measured])])
         if len(own) == 0:
             return None
         if self._poses is None:
-            matches = register.find(own, missing, radius, most=_POSES)
+            matches = near.register.find(own, missing, radius, most=_POSES)
         else:
-            matches = register.settle(self._poses, own, missing, radius)
+            matches = near.register.settle(self._poses, own, missing, radius)
         given = self._poses is not None
         found: list[tuple[Copy, float]] = []
         for match in matches:
-            copy = lay_copy(ground, match.pose, around | ~ground.measured, self._scan.vertices, self._faces, self._device)
+            copy = lay_copy(ground, match.pose, around | ~ground.measured, near.points, near.faces, self._device)
+            copy = replace(copy, source=near.number[copy.source])
             if copy.reached[~ground.measured].mean() < _COVERED or copy.reached[around].mean() < _SURROUNDED:
                 continue
             value = unlikeness(ground, copy, around, radius)
@@ -130,16 +152,16 @@ class Likes:
         found.sort(key=lambda pair: pair[1])
         return found[self._rank] if self._rank < len(found) else None
 
-    def _near(self, missing: Array) -> tuple[Array, Register]:
-        """Return the numbers of the vertices among which places are looked for, and them as registration sees them."""
+    def _near(self, missing: Array) -> _Near:
+        """Return the part of the scan in which places are looked for."""
         number = np.flatnonzero(self._used)
         if len(number) <= _MOST:
             if self._register is None:
-                self._register = number, Register(self._scan.vertices[number], self._scan.normal[number])
+                self._register = _Near.of(self._scan, number, self._faces)
             return self._register
         away = ((self._scan.vertices[number] - missing.mean(axis=0)) ** 2).sum(axis=1)
         number = np.sort(number[np.argpartition(away, _MOST)[:_MOST]])
-        return number, Register(self._scan.vertices[number], self._scan.normal[number])
+        return _Near.of(self._scan, number, self._faces)
 
     def _joined(self, ground: Ground, kept: Array, around: Array, radius: float, copy: Copy, value: float) -> LikeFilling:
         """Return the hole filled with a copy: moved smoothly to where its surroundings lie, then joined to the rim."""
