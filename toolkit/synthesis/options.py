@@ -26,7 +26,7 @@ class QuiltOptions:
     ----------
     block : int or "auto", optional
         Side of a block in pixels, at least 2 and no larger than the sample. "auto": the side that holds one element of the
-        texture, by the sample's autocorrelation.
+        texture, by the sample's autocorrelation, or another whose small result is nearer to the sample, by trial.
     overlap : int, optional
         How far neighbouring blocks overlap, in pixels, from 1 to ``block`` - 1. Default None: a third of the block (Dong,
         section 5.4.3, recommends 1/6 to 1/3).

@@ -22,6 +22,7 @@ from intaglio.synthesis.options import QuiltOptions
 from intaglio.synthesis.refinement import optimize_texture
 from intaglio.synthesis.result import Synthesis, copy_sample
 from intaglio.synthesis.sample import SampleMaps, as_match, prepare_sample, window_starts
+from intaglio.synthesis.trial import best_block
 
 # The kernels index a sample by 32-bit numbers.
 _MOST_VALUES = 2**31 - 1
@@ -124,27 +125,46 @@ def quilt(
     chosen = device_or_error(device)
     sample = prepare_sample(maps, mask=mask, match=compared)
     side, note = _block_side(sample, block)
-    lap = max(1, round(side / 3)) if overlap is None else int(overlap)
+
+    def layer_of(side: int, shape: tuple[int, int], tileable: bool) -> BlockLayer:
+        """Blocks of ``side`` pixels for a result of that shape, not laid yet."""
+        usable = window_starts(sample.usable, side)
+        if not usable.any():
+            raise InputError(f"mask leaves no block of {side} x {side} usable pixels; give a smaller block or a larger mask")
+        blocks = plan_blocks(shape, side, _overlap(side, overlap), tileable=tileable, continued=continuation == "avoid")
+        return BlockLayer(
+            Sample(sample.features, usable),
+            blocks,
+            squared=compared.metric == "squared",
+            tolerance=options.tolerance,
+            shortcut=continuation == "shortcut",
+            radius=_barred_radius(side, int(usable.sum())) if continuation == "avoid" else -1,
+            uniform=uniform(seed, Stream.QUILT_CHOICE, blocks.origin[:, 0], blocks.origin[:, 1]),
+            device=chosen,
+        )
+
+    if isinstance(block, str):
+        values = np.moveaxis(sample.features, 0, 2)
+
+        def tried(side: int, size: int) -> Array:
+            layer = layer_of(side, (size, size), False)
+            layer.lay(seams=_SEAMS[cut], progress=None)
+            place = layer.canvas[:size, :size]
+            return np.asarray(values[place[:, :, 0], place[:, :, 1]])
+
+        # A block must be larger than the overlap, and lie in the result and somewhere in the sample.
+        whole = [n for n in range(2, 1 + min(*shape, *sample.usable.shape)) if window_starts(sample.usable, n).any()]
+        limits = (overlap or 0) + 1, max(whole, default=side)
+        side, found = best_block(side, values, sample.usable, limits, tried, seed)
+        note = f"block {side} {found}" if found else note
+    lap = _overlap(side, overlap)
     if lap >= side:
         raise InputError(f"overlap must be a whole number from 1 to {side - 1}, less than block ({side}), not {overlap!r}")
     if tileable and min(shape) < side:
         raise InputError(f"size {shape[0]} x {shape[1]} is smaller than block ({side}); a tileable result must be as large")
 
-    usable = window_starts(sample.usable, side)
-    if not usable.any():
-        raise InputError(f"mask leaves no block of {side} x {side} usable pixels; give a smaller block or a larger mask")
-    blocks = plan_blocks(shape, side, lap, tileable=tileable, continued=continuation == "avoid")
-    count = len(blocks.origin)
-    layer = BlockLayer(
-        Sample(sample.features, usable),
-        blocks,
-        squared=compared.metric == "squared",
-        tolerance=options.tolerance,
-        shortcut=continuation == "shortcut",
-        radius=_barred_radius(side, int(usable.sum())) if continuation == "avoid" else -1,
-        uniform=uniform(seed, Stream.QUILT_CHOICE, blocks.origin[:, 0], blocks.origin[:, 1]),
-        device=chosen,
-    )
+    layer = layer_of(side, shape, tileable)
+    count = len(layer.blocks.origin)
     steps = count if refine == 0 else 4 * count
     layer.lay(
         seams=_SEAMS[cut],
@@ -183,6 +203,11 @@ def _block_side(sample: SampleMaps, block: int | str) -> tuple[int, str]:
     if block > min(height, width):
         raise InputError(f"block {block} is larger than the sample, {height} x {width}; give at most {min(height, width)}")
     return int(block), f"block {block}, as given"
+
+
+def _overlap(side: int, overlap: int | None) -> int:
+    """Return how far blocks of ``side`` pixels overlap."""
+    return max(1, round(side / 3)) if overlap is None else int(overlap)
 
 
 def _barred_radius(block: int, candidates: int) -> int:
