@@ -145,6 +145,15 @@ def test_the_same_bits_again():
     assert np.array_equal(first.source, second.source)
 
 
+def test_all_of_the_scan_gives_the_same_like():
+    """A like is looked for everywhere anyhow; only the ground that is worked on is larger, and cut to the hole's surroundings."""
+    scan = cut(sheet(pair()))
+    near, everything = (intaglio.complete_relief(scan, "smooth", exemplar=e) for e in ("near", "all"))
+    for whole in (near, everything):
+        assert any("a place that is alike" in note for note in whole.notes)
+        assert off(whole, pair()) < 0.12
+
+
 def test_chance_is_no_likeness():
     rng = np.random.default_rng(4)
     k = rng.uniform(-0.9, 0.9, (40, 2))

@@ -89,7 +89,8 @@ def fill_regions(
         if likes is None:
             rest.append(targets)
             continue
-        region, keep = part(targets)
+        # What is far from the hole has no part in this, also where all of the scan may be a source.
+        region, keep = part(targets) if sources.near else ground.around(targets)
         if not isinstance(guides, str) and guide_curves(guides, region, find_features(region)):
             # The user knows better how it goes on.
             rest.append(targets)
