@@ -210,8 +210,9 @@ def copy_kernel(
     """
     i = start + wp.tid()
     h = height[i]
-    best = int(-1)
+    best = int(0)
     met = int(0)
+    step = float(0.0)
     for k in range(_STEPS_TO_COPY):
         at = foot[i] + h * way[i]
         query = wp.mesh_query_point_no_sign(mesh, at, 1.0e6)
@@ -236,7 +237,7 @@ def copy_kernel(
             if k < _STEPS_TO_COPY - 1:
                 h = h + wp.clamp(step, -_LONGEST_STEP, _LONGEST_STEP)
     height[i] = h
-    source[i] = wp.max(best, 0)
+    source[i] = best
     reached[i] = wp.uint8(met)
 
 

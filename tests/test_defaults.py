@@ -13,7 +13,7 @@ from intaglio.synthesis import GrowOptions, Match, QuiltOptions
 
 # The command, the function whose options it has, and those of the command that mean something else by that name.
 PAIRS = [
-    ("complete", intaglio.complete_relief, {"exemplar"}),
+    ("complete", intaglio.complete_relief, set()),
     ("complete", intaglio.prepare_relief, set()),
     ("complete", intaglio.ReliefSettings, {"selection"}),
     ("complete", intaglio.Selection, set()),
@@ -35,7 +35,9 @@ PAIRS = [
 
 
 def default(param):
-    """A flag that is not given is False, an option that may be repeated gives nothing."""
+    """A flag that is not given is False, an option that may be repeated gives nothing, or the one value that it has."""
+    if param.multiple and isinstance(param.default, tuple) and len(param.default) == 1:
+        return param.default[0]
     if param.default is None or not isinstance(param.default, str | int | float | bool | tuple):
         return () if param.multiple else False if param.is_flag and param.secondary_opts == [] else None
     return param.default

@@ -282,3 +282,17 @@ def test_the_command_reads_guides_and_symmetry(tmp_path, monkeypatch, capsys):
 
 def test_settings_keep_to_one_method():
     assert ReliefSettings(symmetry="none").method == "pieces"
+
+
+def test_a_guide_of_unknown_kind_asks_for_no_line(ground):
+    """Where a guide carries on no line of the scan, nothing is said of where its relief is to come from."""
+    features = find_features(ground)
+    y = np.linspace(MIDDLE - 5, MIDDLE + 5, 11)
+    alone = Curve(np.stack([np.full(11, MIDDLE + 6), y, np.zeros(11)], axis=1), 0.0)
+    _, guidance = steered(ground, [alone], features)
+    assert len(guidance.vertices)
+    np.testing.assert_array_equal(guidance.nearness, 0)
+    (found,) = joined(find_ends(ground, features), ground.spacing)
+    _, both = steered(ground, [alone, found], features)
+    _, one = steered(ground, [found], features)
+    np.testing.assert_allclose(both.nearness[ground.measured], one.nearness[ground.measured])

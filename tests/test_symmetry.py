@@ -251,3 +251,27 @@ def test_texture_comes_from_the_same_place(mirror):
     assert len(found) > 1000
     # Sources are rounded to vertices, which shifts stripes by up to half a unit; other stripes would be 0.4 off.
     assert np.sqrt(((found[:, 0] - stripes(points[:, 0], points[:, 1])) ** 2).mean()) < 0.12
+
+
+def test_a_hole_of_a_few_targets_has_a_size():
+    """A plane that is given is tried for the smallest hole as well: its rim says how large it is."""
+    height = pair(mirror=True)
+    truth = sheet(height, jitter=0.0)
+    scan = truth.part((np.abs(truth.vertices[:, :2] - HERE) >= 0.5).any(axis=1))
+    whole = intaglio.complete_relief(scan, "smooth", symmetry=(1.0, 0.0, 0.0, (HERE[0] + THERE[0]) / 2))
+    filled = whole.vertices[~whole.measured]
+    assert 0 < len(filled) < 6
+    assert np.abs(filled[:, 2] - height(*filled[:, :2].T)).max() < 0.3
+    assert whole.mirrored[~whole.measured].all()
+
+
+def test_progress_goes_over_holes_of_both_kinds():
+    scan = sheet(pair())
+    for center, radius in ((HERE, RADIUS), ((42.0, 33.0), 3.0)):
+        scan = cut(scan, np.asarray(center), radius)
+    seen = []
+    whole = intaglio.complete_relief(scan, "smooth", progress=lambda done, total: seen.append(done / total))
+    assert any("a place that is alike" in note for note in whole.notes)
+    assert any("by pieces" in note for note in whole.notes)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1

@@ -24,7 +24,7 @@ from intaglio.errors import InputError
 from intaglio.files import check_readable, check_writable
 from intaglio.mesh import WRITABLE, files_beside
 from intaglio.progress import ProgressBar
-from intaglio.relief import FRAMES, METHODS, METRICS, ORDERS, PARTNERS, RULES, SEARCHES
+from intaglio.relief import FRAMES, METHODS, METRICS, ORDERS, PARTNERS, RULES, SEARCHES, chosen_sources
 
 # Options of the command by where they belong.
 _PREPARED = ("base", "extent", "holes", "hole_size", "relief_scale", "spacing", "reference", "device")
@@ -68,7 +68,9 @@ _SETTINGS = (
     "--exemplar",
     type=ExemplarChoice(),
     multiple=True,
-    help="near (default), all, a ball x,y,z,radius, or files of other scans, with near or all beside them or not.",
+    default=("near",),
+    show_default=True,
+    help="near, all, a ball x,y,z,radius, or files of other scans, with near or all beside them or not.",
 )
 @click.option("--mirror", is_flag=True, help="pieces: mirror images of what was measured serve as well.")
 @click.option(
@@ -205,11 +207,11 @@ def _complete(surface: intaglio.Surface, options: dict[str, Any]) -> list[intagl
     selection = intaglio.Selection(options["selection"], options["tolerance"], options["eta"])
     along_relief = options["frames"] == "relief"
     laid = {name: options[name] for name in _PREPARED} | {"frames": None if along_relief else options["frames"]}
-    given = [intaglio.read_surface(one) if isinstance(one, Path) else one for one in options["exemplar"] or ("near",)]
+    given = [intaglio.read_surface(one) if isinstance(one, Path) else one for one in options["exemplar"]]
     if len(given) > 1 and any(isinstance(one, tuple) for one in given):
         raise click.UsageError("--exemplar takes a ball alone")
     exemplar = given if len(given) > 1 or isinstance(given[0], intaglio.Surface) else given[0]
-    near = "all" not in given and not isinstance(given[0], tuple)
+    near = chosen_sources(surface, exemplar).near
     with ProgressBar("completing") as bar:
         prepared = intaglio.prepare_relief(surface, near=near, **laid)
         return prepared.candidates(

@@ -1,6 +1,6 @@
 """Triangulated surfaces: base shapes, topology, mending, reading and writing."""
 
-from intaglio.mesh.base import Base, BaseFit, Cylinder, Plane, Sphere, face_the_scan, perpendicular, unit
+from intaglio.mesh.base import Base, BaseFit, Cylinder, Plane, Sphere, face_the_scan, perpendicular, tangents, unit
 from intaglio.mesh.mending import equal_places, mend_surface
 from intaglio.mesh.point_cloud import PointFile
 from intaglio.mesh.point_files import POINT_FILES, holds_points, read_point_file
@@ -74,6 +74,7 @@ __all__ = [
     "samples_of",
     "surface_from_points",
     "surface_from_range_image",
+    "tangents",
     "unique_edges",
     "unit",
     "used_vertices",

@@ -49,6 +49,12 @@ def perpendicular(normal: Array) -> Array:
     return unit(np.take_along_axis(choices, smallest[..., None, None], axis=-2)[..., 0, :])
 
 
+def tangents(normal: Array) -> tuple[Array, Array]:
+    """Return unit vectors u and v = n x u (N, 3) that normals (N, 3) alone decide."""
+    u = perpendicular(normal)
+    return u, np.cross(normal, u)
+
+
 @dataclass(frozen=True)
 class BaseFit:
     """How well a base fits the points, and how it compares with the other kinds.

@@ -4,6 +4,7 @@ from intaglio.mesh import Base, Cylinder, Plane, SmoothBase, Sphere
 from intaglio.relief.assess import assess_relief
 from intaglio.relief.candidates import write_candidates_report
 from intaglio.relief.completion import complete_relief, prepare_relief
+from intaglio.relief.exemplar import chosen_sources
 from intaglio.relief.figures import ReliefReport, TruthComparison
 from intaglio.relief.ground import FRAMES, Hole, fit_base, list_holes, sampling_distance, smooth_over_surface
 from intaglio.relief.growth import METHODS, METRICS, ORDERS, PARTNERS, RULES, SEARCHES, ReliefSettings, Selection
@@ -39,6 +40,7 @@ __all__ = [
     "TruthComparison",
     "assess_relief",
     "choose_viewpoints",
+    "chosen_sources",
     "clay_pictures",
     "complete_relief",
     "fit_base",

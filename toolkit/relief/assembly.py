@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.mesh import Surface, perpendicular
+from intaglio.mesh import Surface, tangents
 from intaglio.relief.ground import Ground
 from intaglio.relief.texturing import texture_filling
 
@@ -118,7 +118,6 @@ def assemble(scan: Surface, ground: Ground, filled: Filled, notes: tuple[str, ..
     if filled.exemplar is not None:
         return replace(whole, notes=(*whole.notes, "the filling has no texture: its relief comes from other scans"))
     # Beyond the ground the normal gives the frame.
-    u = perpendicular(whole.normal)
-    v = np.cross(whole.normal, u)
+    u, v = tangents(whole.normal)
     u[at], v[at] = own.u, own.v
     return texture_filling(scan, whole, taken, u, v, device=device)

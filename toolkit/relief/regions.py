@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -16,7 +16,7 @@ from intaglio.relief.coherent import CoherentFilling, Guidance, Weights, fill_co
 from intaglio.relief.exemplar import Sources
 from intaglio.relief.ground import Ground
 from intaglio.relief.growth import ReliefSettings, Resources, choose_parameters
-from intaglio.relief.lines import find_ends, find_features, guide_curves, joined, steered, without_guided
+from intaglio.relief.lines import Curve, Features, find_ends, find_features, guide_curves, joined, steered, without_guided
 from intaglio.relief.symmetry import LikeFilling, Likes, given_poses
 from intaglio.relief.transfer import Exemplars, beside, lay_exemplars
 
@@ -53,112 +53,147 @@ def fill_regions(
     progress : callable, optional
         Called with (steps done, steps to do).
     """
-    count = len(ground.measured)
-    may = None
-    if sources.allowed is not None:
-        may = np.zeros(count, bool)
-        may[: int(ground.kept.sum())] = sources.allowed[ground.kept]
-    exemplars = lay_exemplars(list(sources.others), ground) if sources.others else None
-    # Over a smooth base the frames lie by chance: there a direction says nothing.
-    turning, weights = True, Weights()
-    notes: tuple[str, ...] = ()
-    if settings.rotations is not None:
-        turning = settings.rotations > 1
-    elif not isinstance(ground.base, SmoothBase):
-        parameters = choose_parameters(ground, 7, 1.0, None, 1.0)
-        turning, notes = parameters.rotations > 1, parameters.notes
-    if not isinstance(ground.base, SmoothBase):
-        # The base is known where nothing was measured, so heights count as such.
-        weights = replace(weights, afloat=0.0, pull=_PULL)
-        if not isinstance(ground.base, Sphere):
-            weights = replace(weights, upright=_UPRIGHT)
+    smooth = isinstance(ground.base, SmoothBase)
+    turning, weights, notes = _manner(ground, settings)
     out = _Whole(scan, ground)
     holes = _holes(ground)
     if not holes:
         # Rims so narrow that triangles alone close them.
         return out.filled(())
-
-    def part(targets: Array) -> tuple[Ground, Array]:
-        everything = len(targets) == int((~ground.measured).sum())
-        return (ground, np.ones(count, bool)) if everything else ground.around(targets, near=sources.near)
-
+    exemplars = lay_exemplars(list(sources.others), ground) if sources.others else None
     likes = _likes(scan, ground.taken, sources, settings, resources)
     copied: list[LikeFilling] = []
-    rest: list[Array] = []
-    for targets in holes:
-        if likes is None:
-            rest.append(targets)
-            continue
-        # What is far from the hole has no part in this, also where all of the scan may be a source.
-        region, keep = part(targets) if sources.near else ground.around(targets)
-        if not isinstance(guides, str) and guide_curves(guides, region, find_features(region)):
-            # The user knows better how it goes on.
-            rest.append(targets)
-            continue
-        like = likes.fill(region, np.flatnonzero(ground.kept)[np.flatnonzero(keep & ground.measured)])
-        if like is None:
-            rest.append(targets)
-        else:
-            out.take_copy(like, keep)
-            copied.append(like)
-    if rest and not isinstance(ground.base, SmoothBase):
-        # Their extents are of one size: what is left is filled together.
-        rest = [np.sort(np.concatenate(rest))]
     found: list[CoherentFilling] = []
     crossed = 0
-    for number, targets in enumerate(rest):
-        region, keep = part(targets)
-        own = None if may is None else may[keep]
-        if exemplars is not None:
-            own = np.concatenate([region.measured if own is None else own, np.ones(len(exemplars.foot), bool)])
-            region = beside(region, exemplars)
-        region, guidance, curves = _steered(region, guides)
-        crossed += curves
 
-        def report(done: int, total: int, number: int = number) -> None:
+    def fill(region: _Region, number: int) -> None:
+        """Fill by pieces; ``number`` holes are done."""
+        nonlocal crossed
+
+        def report(done: int, total: int) -> None:
             if progress is not None:
-                progress(number * total + done, len(rest) * total)
+                progress(number * total + done, len(holes) * total)
 
+        ground, guidance = region.steered()
         filling = fill_coherently(
-            region,
-            own,
+            ground,
+            region.allowed,
             turning=turning,
             mirrored=settings.mirror,
-            seed=resources.seed + number,
+            seed=resources.seed + len(found),
             device=resources.device,
             weights=weights,
             guidance=guidance,
             progress=report,
         )
-        out.take(filling, keep, exemplars)
+        out.take(filling, region.keep, exemplars)
         found.append(filling)
-    if progress is not None and not found:
-        progress(1, 1)
+        crossed += len(region.curves)
+
+    together: list[Array] = []
+    for number, targets in enumerate(holes):
+        region = _region(ground, targets, sources, exemplars, guides)
+        like = None
+        # Where the user has drawn a line it is known how the hole goes on.
+        if likes is not None and not region.guided:
+            # What is far from the hole has no part in this, also where all of the scan may be a source.
+            part, keep = (region.ground, region.keep) if sources.near else ground.around(targets)
+            like = likes.fill(part, np.flatnonzero(ground.kept)[np.flatnonzero(keep & ground.measured)])
+        if like is not None:
+            out.take_copy(like, keep)
+            copied.append(like)
+            if progress is not None:
+                progress(number + 1, len(holes))
+        elif smooth:
+            fill(region, number)
+        else:
+            together.append(targets)
+    if together:
+        # Their extents are of one size: what is left is filled together.
+        fill(_region(ground, np.sort(np.concatenate(together)), sources, exemplars, guides), len(holes) - 1)
     if exemplars is not None:
         notes += exemplars.notes
     notes += _said_of_copies(copied, ground.spacing)
-    if likes is not None and not isinstance(settings.symmetry, str) and rest:
-        notes += (f"symmetry: {len(rest)} of {len(holes)} holes lead to no measured surface, and are filled by pieces",)
+    if likes is not None and not isinstance(settings.symmetry, str) and len(copied) < len(holes):
+        notes += (
+            f"symmetry: {len(holes) - len(copied)} of {len(holes)} holes lead to no measured surface, and are filled by pieces",
+        )
     if crossed:
         notes += (f"{crossed} {'line' if crossed == 1 else 'lines'} carried on across the holes",)
     elif not isinstance(guides, str):
         notes += ("guides: none of them runs across a hole that was filled",)
     if found:
-        notes += _said_of_pieces(found, isinstance(ground.base, SmoothBase), turning, settings, resources)
+        notes += _said_of_pieces(found, smooth, turning, settings, resources)
     return out.filled(notes)
 
 
-def _steered(region: Ground, guides: str | list[Array]) -> tuple[Ground, Guidance | None, int]:
-    """Return a hole's ground, drawn onto the lines that cross it, what guides the search, and how many lines there are."""
-    if guides == "none" or (guides == "auto" and not isinstance(region.base, SmoothBase)):
-        return region, None, 0
-    features = find_features(region)
-    given = [] if isinstance(guides, str) else guide_curves(guides, region, features)
-    found = joined(find_ends(region, features), region.spacing) if isinstance(region.base, SmoothBase) else []
-    curves = given + without_guided(found, given, region.spacing)
-    if not curves:
-        return region, None, 0
-    return *steered(region, curves, features), len(curves)
+def _manner(ground: Ground, settings: ReliefSettings) -> tuple[bool, Weights, tuple[str, ...]]:
+    """Return whether pieces may be turned, what counts how much in a match, and notes of how that was chosen."""
+    turning = settings.rotations is None or settings.rotations > 1
+    if isinstance(ground.base, SmoothBase):
+        # Its frames lie by chance: there a direction says nothing.
+        return turning, Weights(), ()
+    notes: tuple[str, ...] = ()
+    if settings.rotations is None:
+        parameters = choose_parameters(ground, 7, 1.0, None, 1.0)
+        turning, notes = parameters.rotations > 1, parameters.notes
+    # The base is known where nothing was measured, so heights count as such.
+    weights = Weights(afloat=0.0, pull=_PULL, upright=0.0 if isinstance(ground.base, Sphere) else _UPRIGHT)
+    return turning, weights, notes
+
+
+@dataclass(frozen=True)
+class _Region:
+    """The ground of a hole: with other scans beside it where there are any.
+
+    Attributes
+    ----------
+    ground : Ground
+    keep : (N,) bool array
+        Which vertices of the whole ground are in it; they come first.
+    allowed : (M,) bool array or None
+        The vertices whose relief may be taken; None for all measured ones.
+    features : Features or None
+        Of the ground, where lines matter.
+    curves : list of Curve
+        Lines that cross the hole.
+    guided : bool
+        Whether the user has drawn some of them.
+    """
+
+    ground: Ground
+    keep: Array
+    allowed: Array | None
+    features: Features | None
+    curves: list[Curve]
+    guided: bool
+
+    def steered(self) -> tuple[Ground, Guidance | None]:
+        """Return the ground drawn onto the lines that cross the hole, and what guides the search."""
+        if self.features is None or not self.curves:
+            return self.ground, None
+        return steered(self.ground, self.curves, self.features)
+
+
+def _region(whole: Ground, targets: Array, sources: Sources, exemplars: Exemplars | None, guides: str | list[Array]) -> _Region:
+    """Return the ground of a hole, what may be taken there, and which lines cross it."""
+    ground, keep = whole, np.ones(len(whole.measured), bool)
+    if len(targets) < int((~whole.measured).sum()):
+        ground, keep = whole.around(targets, near=sources.near)
+    allowed = None
+    if sources.allowed is not None:
+        scanned = sources.allowed[whole.kept]
+        allowed = np.concatenate([scanned, np.zeros(len(keep) - len(scanned), bool)])[keep]
+    if exemplars is not None:
+        allowed = np.concatenate([ground.measured if allowed is None else allowed, np.ones(len(exemplars.foot), bool)])
+        ground = beside(ground, exemplars)
+    smooth = isinstance(ground.base, SmoothBase)
+    if guides == "none" or (guides == "auto" and not smooth):
+        return _Region(ground, keep, allowed, None, [], False)
+    features = find_features(ground)
+    given = [] if isinstance(guides, str) else guide_curves(guides, ground, features)
+    found = joined(find_ends(ground, features), ground.spacing) if smooth else []
+    return _Region(ground, keep, allowed, features, given + without_guided(found, given, ground.spacing), bool(given))
 
 
 def _likes(scan: Surface, taken: Array, sources: Sources, settings: ReliefSettings, resources: Resources) -> Likes | None:
@@ -222,13 +257,15 @@ class _Whole:
         self._confidence = np.ones(count, np.float32)
         self._copied, self._mirrored = np.full(count, -1, np.int32), np.zeros(count, bool)
         self._exemplar, self._exemplar_source = np.zeros(count, np.int32), np.full(count, -1, np.int32)
-        self._other_color = None if ground.color is None else np.zeros((count, 3), np.float32)
+        self._color = None if ground.color is None else ground.color.copy()
 
     def take_copy(self, like: LikeFilling, keep: Array) -> None:
         """Take a hole's filling from its like."""
         at, target = self._take(like.ground, like.height, like.rotation, like.error, like.confidence, keep)
         self._copied[at[target]] = like.source[target]
         self._mirrored[at[target]] = like.pose.mirrors
+        if self._color is not None and self._scan.color is not None:
+            self._color[at[target]] = self._scan.color[like.source[target]]
 
     def take(self, filling: CoherentFilling, keep: Array, exemplars: Exemplars | None) -> None:
         """Take a hole's filling; ``keep`` (N,) says which vertices its part of the ground holds, before those of other scans."""
@@ -238,11 +275,13 @@ class _Whole:
         own = source < count
         self._source[filled[own]] = at[source[own]]
         self._mirrored[filled] = filling.mirrored[:count][target]
+        if self._color is not None:
+            self._color[filled[own]] = self._color[at[source[own]]]
         if exemplars is not None:
             there, other = filled[~own], source[~own] - count
             self._exemplar[there], self._exemplar_source[there] = exemplars.scan[other], exemplars.number[other]
-            if self._other_color is not None and exemplars.color is not None:
-                self._other_color[there] = exemplars.color[other]
+            if self._color is not None and exemplars.color is not None:
+                self._color[there] = exemplars.color[other]
 
     def _take(
         self, part: Ground, height: Array, rotation: Array, error: Array, confidence: Array, keep: Array
@@ -265,10 +304,6 @@ class _Whole:
         if isinstance(base, SmoothBase):
             base = replace(base, vertices=self._foot, normals=self._normal)
         ground = replace(ground, base=base, foot=self._foot, normal=self._normal, u=self._u, v=np.cross(self._normal, self._u))
-        color, own = ground.color, self._scan.color
-        if color is not None and own is not None and self._other_color is not None:
-            color = np.where((self._copied >= 0)[:, None], own[self._copied], color[np.where(self._source >= 0, self._source, 0)])
-            color = np.where((self._exemplar > 0)[:, None], self._other_color, color)
         others = bool((self._exemplar > 0).any())
         return Filled(
             ground,
@@ -277,10 +312,10 @@ class _Whole:
             self._rotation,
             self._error,
             self._confidence,
-            color,
+            self._color,
             notes,
-            self._copied,
-            self._mirrored if self._mirrored.any() else None,
-            self._exemplar if others else None,
-            self._exemplar_source if others else None,
+            copied=self._copied,
+            mirrored=self._mirrored if self._mirrored.any() else None,
+            exemplar=self._exemplar if others else None,
+            exemplar_source=self._exemplar_source if others else None,
         )

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from intaglio.arrays import Array
 from intaglio.errors import InputError
@@ -145,21 +144,20 @@ def beside(ground: Ground, exemplars: Exemplars) -> Ground:
 
 def _middle_part(scan: Surface, most: int) -> Array:
     """Return which vertices (V,) of a scan serve: those of its largest piece that lie nearest to its middle."""
-    count, label = pieces(scan.faces, len(scan.vertices))
-    used = np.zeros(len(label), bool)
-    used[scan.faces] = True
-    largest = np.bincount(label[used], minlength=count).argmax()
-    own = np.flatnonzero(used & (label == largest))
+    own = np.flatnonzero(_largest_piece(scan.faces, len(scan.vertices)))
     points = scan.vertices[own]
     # The middle may lie in the air: what counts is the place of the scan that is nearest to it.
     start = points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]
-    near = own[np.sort(cKDTree(points).query(start, k=min(most, len(own)))[1].reshape(-1))]
-    keep = np.zeros(len(label), bool)
-    keep[near] = True
-    inner = scan.faces[keep[scan.faces].all(axis=1)]
-    count, label = pieces(inner, len(label))
-    used = np.zeros(len(label), bool)
-    used[inner] = True
-    if not used.any():
-        return keep
-    return used & (label == np.bincount(label[used], minlength=count).argmax())
+    if len(own) > most:
+        own = own[np.argpartition(np.linalg.norm(points - start, axis=1), most)[:most]]
+    keep = np.zeros(len(scan.vertices), bool)
+    keep[own] = True
+    return _largest_piece(scan.faces[keep[scan.faces].all(axis=1)], len(keep))
+
+
+def _largest_piece(faces: Array, count: int) -> Array:
+    """Return which of ``count`` vertices are in the largest piece of a mesh."""
+    number, label = pieces(faces, count)
+    used = np.zeros(count, bool)
+    used[faces] = True
+    return used & (label == np.bincount(label[used], minlength=number).argmax()) if used.any() else used

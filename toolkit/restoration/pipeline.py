@@ -25,7 +25,7 @@ from intaglio.restoration.frequency import MOST_SUBBANDS, choose_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
 from intaglio.restoration.plate import fill_with_plate, thin_part
 from intaglio.restoration.poisson import fit_to_surroundings
-from intaglio.restoration.trial import first_is_better
+from intaglio.restoration.trial import Filler, first_is_better
 from intaglio.synthesis import SIDES, SampleMaps, optimize_texture
 
 # The most windows of the known part that the filled part is matched with.
@@ -234,23 +234,24 @@ def restore(
     notes: list[str] = []
     thin = np.zeros_like(hole)
     if method == "auto":
-        thin = thin_part(hole)
 
-        def by_plate(part: Array, gone: Array, charts: Array) -> Array:
-            return fill_with_plate(inpaint(part, gone, chart=charts), gone, chart=charts)
+        def copied(part: Array, gone: Array, charts: Array) -> Array:
+            return restore(
+                part,
+                gone,
+                "split",
+                kappa=kappa,
+                levels=levels,
+                coherence=coherence,
+                orientations=orientations,
+                refine=refine,
+                seams=seams,
+                inside=charts,
+                device=chosen,
+            ).image
 
-        def by_copies(part: Array, gone: Array, charts: Array) -> Array:
-            return restore(part, gone, "split", levels=levels, refine=refine, inside=charts, device=chosen).image
-
-        if thin.any() and not first_is_better(smooth, hole, thin, chart, by_plate, by_copies):
-            notes.append("thin damage is copied as the rest is: that was nearer to what is known, by trial")
-            thin = np.zeros_like(hole)
+        smooth, thin = _fill_thin(smooth, hole, chart, stops, copied, notes)
         method = "inpaint" if (thin == hole).all() else "split"
-        if thin.any():
-            smooth = fill_with_plate(smooth, thin, chart=chart, barriers=stops)
-            notes.append(
-                f"{int(thin.sum())} of {int(hole.sum())} missing pixels are thin damage, filled by a plate through its sides"
-            )
     if method != "inpaint" and not find_whole_neighborhoods(known, chart).any():
         notes.append("no 5 x 5 neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
         method = "inpaint"
@@ -297,6 +298,24 @@ def restore(
         kappa=bands,
         notes=tuple(notes),
     )
+
+
+def _fill_thin(
+    smooth: Array, hole: Array, chart: Array, stops: Array | None, copied: Filler, notes: list[str]
+) -> tuple[Array, Array]:
+    """Return the image with its thin damage filled, and which pixels that are: none where copies are nearer, by trial."""
+    thin = thin_part(hole)
+
+    def plated(part: Array, gone: Array, charts: Array) -> Array:
+        return fill_with_plate(inpaint(part, gone, chart=charts), gone, chart=charts)
+
+    if not thin.any():
+        return smooth, thin
+    if not first_is_better(smooth, hole, thin, chart, plated, copied):
+        notes.append("thin damage is copied as the rest is: that was nearer to what is known, by trial")
+        return smooth, np.zeros_like(thin)
+    notes.append(f"{int(thin.sum())} of {int(hole.sum())} missing pixels are thin damage, filled by a plate through its sides")
+    return fill_with_plate(smooth, thin, chart=chart, barriers=stops), thin
 
 
 def _optimize_hole(high: Array, known: Array, source: Array, hole: Array, passes: int, notes: list[str]) -> Array:

@@ -144,18 +144,16 @@ def quilt(
         )
 
     if isinstance(block, str):
-        values = np.moveaxis(sample.features, 0, 2)
 
         def tried(side: int, size: int) -> Array:
             layer = layer_of(side, (size, size), False)
             layer.lay(seams=_SEAMS[cut], progress=None)
             place = layer.canvas[:size, :size]
-            return np.asarray(values[place[:, :, 0], place[:, :, 1]])
+            return np.asarray(sample.features[:, place[:, :, 0], place[:, :, 1]])
 
-        # A block must be larger than the overlap, and lie in the result and somewhere in the sample.
-        whole = [n for n in range(2, 1 + min(*shape, *sample.usable.shape)) if window_starts(sample.usable, n).any()]
-        limits = (overlap or 0) + 1, max(whole, default=side)
-        side, found = best_block(side, values, sample.usable, limits, tried, seed)
+        # A block must be larger than the overlap, and lie in the result and in the sample.
+        limits = (overlap or 0) + 1, min(*shape, *sample.usable.shape)
+        side, found = best_block(side, sample.features, sample.usable, limits, tried, seed)
         note = f"block {side} {found}" if found else note
     lap = _overlap(side, overlap)
     if lap >= side:

@@ -17,7 +17,7 @@ from intaglio.relief.lines.features import Features
 # Ends are looked for so many edges from the rim, and are so many long.
 _BAND, _LONG = 8, 4.0
 # A curve turns by at most so much at either end against the straight way, and the lines it joins bend alike up to this factor.
-_TURN, _ALIKE = np.radians(50.0), 2.5
+_TURN, ALIKE = np.radians(50.0), 2.5
 # Cost of leaving an end alone, in squared radians.
 _ALONE = 0.5
 # An end runs into the hole at no less than this cosine.
@@ -112,7 +112,7 @@ def joined(ends: list[End], spacing: float) -> list[Curve]:
             straight = unit((other.at - one.at)[None])[0]
             leaving, arriving = (float(np.arccos(np.clip(w, -1, 1))) for w in (one.way @ straight, -other.way @ straight))
             ratio = abs(np.log(abs(one.bend / other.bend)))
-            if max(leaving, arriving) < _TURN and ratio < np.log(_ALIKE):
+            if max(leaving, arriving) < _TURN and ratio < np.log(ALIKE):
                 cost[i, j] = leaving**2 + arriving**2 + 0.2 * ratio**2
     # Each end is joined to another, or to itself: left alone.
     np.fill_diagonal(cost, _ALONE)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from intaglio.arrays import Array
-from intaglio.mesh import unit, vertex_normals
+from intaglio.mesh import tangents, unit, vertex_normals
 from intaglio.relief.coherent import average, averaging
 from intaglio.relief.ground import Ground
 
@@ -54,8 +54,7 @@ def find_features(ground: Ground) -> Features:
     own = averaging(topology.graph, measured)
     normal = unit(average(own, normal, _AVERAGED))
     smooth = average(own, ground.vertices, 1)
-    u = unit(np.cross(normal, np.roll(normal, 1, axis=1) + [0.3, -0.2, 0.1]))
-    v = np.cross(normal, u)
+    u, v = tangents(normal)
     first = np.repeat(np.arange(count), np.diff(topology.offsets))
     other = topology.neighbors
     both = measured[first] & measured[other]

@@ -12,14 +12,12 @@ from intaglio.arrays import Array
 from intaglio.mesh import SmoothBase
 from intaglio.relief.coherent import Guidance
 from intaglio.relief.ground import Ground
-from intaglio.relief.lines.curves import Curve
+from intaglio.relief.lines.curves import ALIKE, Curve
 from intaglio.relief.lines.features import Features
 from intaglio.sparse import factor_symmetric
 
 # A line is felt over about so many spacings.
 _WIDTH = 3.0
-# Measured lines that bend as a curve does, up to this factor, are its like.
-_ALIKE = 2.5
 
 
 def steered(ground: Ground, curves: list[Curve], features: Features) -> tuple[Ground, Guidance]:
@@ -38,7 +36,6 @@ def steered(ground: Ground, curves: list[Curve], features: Features) -> tuple[Gr
     """
     target = np.flatnonzero(~ground.measured)
     points = np.concatenate([curve.points for curve in curves])
-    sign = np.concatenate([np.full(len(curve.points), np.sign(curve.bend)) for curve in curves])
     tree = cKDTree(ground.vertices[target])
     nearest = target[tree.query(points)[1]]
     # Of several points that one vertex is nearest to, the closest.
@@ -61,24 +58,29 @@ def steered(ground: Ground, curves: list[Curve], features: Features) -> tuple[Gr
         foot = np.where(ground.measured[:, None], ground.foot, vertices)
         base = replace(base, vertices=foot)
     return replace(ground, vertices=vertices, base=base, foot=foot), Guidance(
-        held, goal, _nearness(ground, vertices, curves, points, sign, features)
+        held, goal, _nearness(ground, vertices, curves, features)
     )
 
 
-def _nearness(ground: Ground, vertices: Array, curves: list[Curve], points: Array, sign: Array, features: Features) -> Array:
-    """Return how near a line every vertex is, with the line's sign."""
-    width = _WIDTH * ground.spacing
-    bends = np.array([curve.bend for curve in curves])
-    # A guide may be a ridge or a valley: whatever line of the scan is stronger nearby tells.
-    own = features.bend[:, None]
-    alike = (own * bends > 0) & (np.abs(np.log(np.abs(own) + 1e-9) - np.log(np.abs(bends) + 1e-9)) < np.log(_ALIKE))
-    like = features.on_line & (alike.any(axis=1) | (bends == 0).any())
+def _nearness(ground: Ground, vertices: Array, curves: list[Curve], features: Features) -> Array:
+    """Return how near a line every vertex is, with the line's sign; measured ones where lines bend as one of the curves does.
+
+    Of a guide that carries on no line of the scan nothing is known but where it runs.
+    """
     out = np.zeros(len(vertices))
-    for mask, at, signs in (
-        (ground.measured, vertices[like], np.sign(features.bend[like])),
-        (~ground.measured, points, sign),
+    bent = [curve for curve in curves if curve.bend]
+    if not bent:
+        return out
+    bends = np.array([curve.bend for curve in bent])
+    lines = np.flatnonzero(features.on_line)
+    ratio = features.bend[lines, None] / bends
+    lines = lines[((ratio > 1 / ALIKE) & (ratio < ALIKE)).any(axis=1)]
+    sign = np.concatenate([np.full(len(curve.points), np.sign(curve.bend)) for curve in bent])
+    for part, at, signs in (
+        (ground.measured, vertices[lines], np.sign(features.bend[lines])),
+        (~ground.measured, np.concatenate([curve.points for curve in bent]), sign),
     ):
         if len(at):
-            away, which = cKDTree(at).query(vertices[mask])
-            out[mask] = signs[which] * np.exp(-0.5 * (away / width) ** 2)
+            away, which = cKDTree(at).query(vertices[part])
+            out[part] = signs[which] * np.exp(-0.5 * (away / (_WIDTH * ground.spacing)) ** 2)
     return out

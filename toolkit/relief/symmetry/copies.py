@@ -115,7 +115,11 @@ def unlikeness(ground: Ground, copy: Copy, around: Array, radius: float) -> floa
     values = np.stack([ground.height, ground.height - copy.height], axis=1) * known[:, None]
     # Averaged t times, waves shorter than some 3 sqrt(t) edges are gone.
     times = max(1, int((_FINE * radius / ground.spacing / 3) ** 2))
-    fine = (values - average(matrix, values, times))[known] ** 2
-    kept = max(1, int((1 - _TRIMMED) * len(fine)))
-    relief, difference = np.sort(fine, axis=0)[:kept].mean(axis=0)
+    relief, difference = trimmed_mean((values - average(matrix, values, times))[known] ** 2)
     return float(np.sqrt(difference / max(relief, 1e-300)))
+
+
+def trimmed_mean(values: Array) -> Array:
+    """Return the means of values (N,) or (N, C) without the largest 15 %: where the surroundings go on otherwise."""
+    kept = max(1, int((1 - _TRIMMED) * len(values)))
+    return np.asarray(np.sort(values, axis=0)[:kept].mean(axis=0))

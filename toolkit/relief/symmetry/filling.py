@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from intaglio.arrays import Array
-from intaglio.mesh import SmoothBase, Surface, perpendicular
+from intaglio.mesh import SmoothBase, Surface, tangents
 from intaglio.relief.coherent import Wishes, edges_from, join
 from intaglio.relief.ground import Ground, ThinPlate, relaid, smooth_over_surface
-from intaglio.relief.symmetry.copies import Copy, lay_copy, unlikeness
+from intaglio.relief.symmetry.copies import Copy, lay_copy, trimmed_mean, unlikeness
 from intaglio.relief.symmetry.poses import Pose
 from intaglio.relief.symmetry.registration import REACH, Register
 
@@ -41,7 +41,7 @@ class LikeFilling:
     source : (N,) int array
         Numbers of the scan's vertices; -1 where measured.
     rotation : (N,) array
-        Against the ground's frames at sources that it holds, else against `perpendicular` of the scan's normal.
+        Against the ground's frames at sources that it holds, else against `tangents` of the scan's normal.
     error, confidence : (N,) arrays
     pose : Pose
     unlikeness : float
@@ -119,7 +119,8 @@ class Likes:
             return None
         missing = ground.vertices[targets]
         center = missing.mean(axis=0)
-        radius = float(np.linalg.norm(missing - center, axis=1).max())
+        # Of a hole of a few targets the rim is what has a size.
+        radius = max(float(np.linalg.norm(missing - center, axis=1).max()), 2 * ground.spacing)
         away = cKDTree(missing).query(ground.vertices, distance_upper_bound=REACH * radius)[0]
         around = ground.measured & (away < REACH * radius)
         if isinstance(ground.base, SmoothBase):
@@ -136,7 +137,7 @@ class Likes:
         if self._poses is None:
             matches = near.register.find(own, missing, radius, most=_POSES)
         else:
-            matches = near.register.settle(self._poses, own, missing, radius)
+            matches = near.register.settle(self._poses, own, missing, radius, certain=True)
         given = self._poses is not None
         found: list[tuple[Copy, float]] = []
         for match in matches:
@@ -169,16 +170,15 @@ class Likes:
         off = np.where(known, ground.height - copy.height, 0.0)
         weight = np.where(known, 1.0, 1e-6)
         moved = smooth_over_surface(off[:, None], ground.foot, ground.faces, radius, weight=weight)[:, 0]
-        height = np.where(ground.measured, ground.height, copy.height + moved)
+        laid = copy.height + moved
         topology, target = ground.topology, ~ground.measured
-        first = np.repeat(np.arange(len(height)), np.diff(topology.offsets))
+        first = np.repeat(np.arange(len(laid)), np.diff(topology.offsets))
         own = target[first]
         first, other = first[own], topology.neighbors[own]
-        laid = copy.height + moved
         told = copy.reached[first] & copy.reached[other]
         wishes = Wishes(first, other, laid[other] - laid[first], told, laid[first], target[other])
-        height = join(wishes, height, target)
-        misfit = float(np.sqrt((np.sort((off - moved)[known] ** 2)[: max(1, int(0.85 * known.sum()))]).mean()))
+        height = join(wishes, np.where(ground.measured, ground.height, laid), target)
+        misfit = float(trimmed_mean((off - moved)[known] ** 2))
         ground, height = self._settled(ground, height, radius)
         hops = edges_from(topology.graph, ground.measured)
         sure = np.exp(-(value**2)) * (1.0 - 0.5 * hops / max(int(hops[target].max()), 1))
@@ -188,7 +188,7 @@ class Likes:
             height,
             source,
             np.where(target, self._rotation(ground, kept, copy), 0.0).astype(np.float32),
-            np.where(target, misfit**2, 0.0).astype(np.float32),
+            np.where(target, misfit, 0.0).astype(np.float32),
             np.where(target, np.where(copy.reached, sure, 0.1 * sure), 1.0).astype(np.float32),
             copy.pose,
             value,
@@ -212,9 +212,7 @@ class Likes:
 
 def frames_of_scan(scan: Surface, ground: Ground, kept: Array, vertices: Array) -> tuple[Array, Array]:
     """Return the frames u, v (K, 3) of vertices of the scan: the ground's where it holds them, else by their normals."""
-    normal = scan.normal[vertices]
-    u = perpendicular(normal)
-    v = np.cross(normal, u)
+    u, v = tangents(scan.normal[vertices])
     local = np.full(len(scan.vertices), -1)
     local[kept] = np.arange(len(kept))
     held = local[vertices] >= 0

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from intaglio.arrays import Array
-from intaglio.mesh import perpendicular
+from intaglio.mesh import tangents
 from intaglio.relief.symmetry.poses import Pose
 
 # A profile: rings and angles of mean heights around a place, as wide as the hole.
@@ -82,13 +82,12 @@ class Register:
         thin = _thinned(self._points, _GRAIN * radius)
         seeds = _spread(self._points[around], _SEEDS)
         own = around[seeds]
-        places = thin if len(thin) <= _PLACES else thin[np.linspace(0, len(thin) - 1, _PLACES).astype(int)]
+        places = _some(thin, _PLACES)
         cloud = cKDTree(self._points[thin])
         here = self._profiles(own, thin, cloud, radius)
         there = self._profiles(places, thin, cloud, radius)
         guesses = self._guesses(own, places, here, there)
-        sample = around[np.linspace(0, len(around) - 1, min(len(around), _REGISTERED)).astype(int)]
-        few = sample[:: max(1, len(sample) // 100)]
+        few = _some(around, _REGISTERED // 4)
         middle = missing.mean(axis=0)
         kept = []
         for pose in guesses:
@@ -100,7 +99,7 @@ class Register:
         chosen = [pose for _, pose in distinct[:_REFINED]]
         return self.settle(chosen, around, missing, radius)[:most]
 
-    def settle(self, poses: list[Pose], around: Array, missing: Array, radius: float) -> list[Match]:
+    def settle(self, poses: list[Pose], around: Array, missing: Array, radius: float, *, certain: bool = False) -> list[Match]:
         """Refine poses, and return those that differ and lead from the hole to measured surface, best first.
 
         Parameters
@@ -108,12 +107,16 @@ class Register:
         poses : list of Pose
         around, missing, radius
             As in `find`.
+        certain : bool
+            The poses are known to hold: where refinement runs away, as with few vertices around, they stay as they are.
         """
-        sample = around[np.linspace(0, len(around) - 1, min(len(around), _REGISTERED)).astype(int)]
+        sample = _some(around, _REGISTERED)
         found = []
         for pose in poses:
             refined = self._refined(pose, sample, radius)
-            if refined is not None and self._covers(refined, missing, radius):
+            if refined is None and certain:
+                refined = pose
+            if refined is not None and self._leads_elsewhere(refined, sample, missing, radius):
                 found.append((self._residual(refined, sample, radius), refined))
         found.sort(key=lambda pair: pair[0])
         return [Match(pose, residual) for residual, pose in _apart(found, self._points[sample], _SAME * radius)]
@@ -122,7 +125,7 @@ class Register:
         """Return the mean heights (V, rings, angles) around vertices, in radii, and where they are known."""
         shape = (len(vertices), _RINGS, _ANGLES)
         total, known = np.zeros(shape), np.zeros(shape)
-        u, v = _frames(self._normals[vertices])
+        u, v = tangents(self._normals[vertices])
         lists = cloud.query_ball_point(self._points[vertices], radius)
         number = np.repeat(np.arange(len(vertices)), [len(found) for found in lists])
         near = thin[np.concatenate([np.asarray(found, np.int64) for found in lists])]
@@ -143,7 +146,7 @@ class Register:
 
     def _guesses(self, own: Array, places: Array, here: tuple[Array, Array], there: tuple[Array, Array]) -> list[Pose]:
         """Return the poses under which single profiles fit best."""
-        frames_here, frames_there = (np.stack([*_frames(self._normals[v]), self._normals[v]], axis=2) for v in (own, places))
+        frames_here, frames_there = (np.stack([*tangents(self._normals[v]), self._normals[v]], axis=2) for v in (own, places))
         b, b_known = (values.reshape(len(places), -1) for values in there)
         b_square = b**2 * b_known
         poses = []
@@ -196,7 +199,7 @@ class Register:
         return float(np.sqrt((away**2).mean()))
 
     def _refined(self, pose: Pose, vertices: Array, radius: float) -> Pose | None:
-        """Return the pose after point-to-plane registration; None where it runs back to the hole itself."""
+        """Return the pose after point-to-plane registration; None where it runs away."""
         start = pose
         center = self._points[vertices].mean(axis=0)
         for _ in range(_STEPS):
@@ -214,20 +217,27 @@ class Register:
             if np.abs(move).max() < 1e-5 * radius:
                 break
         moved = np.linalg.norm(pose.apply(self._points[vertices]) - start.apply(self._points[vertices]), axis=1).max()
-        own = np.linalg.norm(pose.apply(center[None])[0] - center)
-        return pose if moved < radius and own > 0.9 * radius else None
+        return pose if moved < radius else None
 
-    def _covers(self, pose: Pose, missing: Array, radius: float) -> bool:
-        """Return whether measured surface lies where the hole comes to lie."""
+    def _leads_elsewhere(self, pose: Pose, vertices: Array, missing: Array, radius: float) -> bool:
+        """Return whether the hole, with its surroundings, comes to lie beside itself, and on measured surface."""
+        center = self._points[vertices].mean(axis=0)
+        if np.linalg.norm(pose.apply(center[None])[0] - center) <= 0.9 * radius:
+            return False
         away = self._tree.query(pose.apply(missing))[0]
         # The smooth filling may be off by a third of the hole; a hole there leaves its middle empty.
-        return bool((away < 0.35 * radius).mean() > 0.98)
+        return bool((away < max(0.35 * radius, 1.5 * self._edge)).mean() > 0.98)
 
 
 def _thinned(points: Array, grain: float) -> Array:
     """Return one vertex of each cell."""
     cell = np.floor((points - points.min(axis=0)) / grain).astype(np.int64)
     return np.sort(np.unique(cell, axis=0, return_index=True)[1])
+
+
+def _some(vertices: Array, most: int) -> Array:
+    """Return at most so many of vertices (K,), evenly chosen."""
+    return vertices[np.linspace(0, len(vertices) - 1, min(len(vertices), most)).astype(int)]
 
 
 def _spread(points: Array, count: int) -> Array:
@@ -238,11 +248,6 @@ def _spread(points: Array, count: int) -> Array:
         chosen.append(int(away.argmax()))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return np.array(chosen)
-
-
-def _frames(normals: Array) -> tuple[Array, Array]:
-    u = perpendicular(normals)
-    return u, np.cross(normals, u)
 
 
 def _between(here: Array, there: Array, angle: float, mirror: bool, start: Array, end: Array) -> Pose:
