@@ -123,6 +123,8 @@ def test_what_cannot_serve_is_refused(bare, other):
         complete(bare, ["far", other])
     with pytest.raises(InputError, match="'near' or 'all' once at most"):
         complete(bare, ["near", "all", other])
+    with pytest.raises(InputError, match="'near' or 'all' once at most"):
+        complete(bare, ["near", "all"])
     with pytest.raises(InputError, match="symmetry and exemplar"):
         intaglio.complete_relief(bare, "smooth", exemplar=other, symmetry=(1, 0, 0, 3.0))
     with pytest.raises(InputError, match="exemplar holds other scans, which go with method='pieces'"):

@@ -118,6 +118,8 @@ class SymmetryChoice(click.ParamType):
         """Return the word or the numbers."""
         if isinstance(value, tuple) or value in ("auto", "none"):
             return value
+        if "," not in str(value):
+            self.fail(f"{value!r} is neither auto nor none, nor four or seven numbers like 1,0,0,2.5", param, ctx)
         return Numbers().convert(value, param, ctx)
 
 

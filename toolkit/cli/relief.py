@@ -127,10 +127,11 @@ def complete(
 ) -> None:
     """Complete what SCAN did not see: its smooth base, and over it the scan's own relief.
 
-    On a plane, cylinder or sphere all of it is completed; the holes of any other scan are filled over its own smoothed surface.
-    Measured vertices come out as they are (in PLY bit for bit). What was made up is marked in the PLY's vertex
-    properties measured, source, rotation and error, and its faces' measured. A textured scan keeps its texture; what was filled
-    gets one of its own.
+    On a plane, cylinder or sphere all of it is completed. The holes of any other scan are filled over its own smoothed surface:
+    from a place of the scan that is alike, where there is one, else by coherent pieces of what lies beside them; creases and
+    ridges that reach the rim are carried on. Measured vertices come out as they are (in PLY bit for bit). What was made up is
+    marked in the PLY's vertex properties measured, source, rotation, error and confidence, and its faces' measured. A textured
+    scan keeps its texture; what was filled gets one of its own.
     """
     check_readable(scan)
     if options["holes"] == "list":

@@ -43,9 +43,9 @@ def chosen_sources(surface: Surface, exemplar: Exemplar) -> Sources:
     """
     if isinstance(exemplar, Surface):
         exemplar = [exemplar]
-    if isinstance(exemplar, Sequence) and any(isinstance(one, Surface) for one in exemplar):
+    if isinstance(exemplar, list | tuple) and any(isinstance(one, Surface | str) for one in exemplar):
         words = [one for one in exemplar if not isinstance(one, Surface)]
-        if len(words) > 1 or any(not isinstance(word, str) or word not in ("near", "all") for word in words):
+        if len(words) > 1 or not set(words) <= {"near", "all"}:
             raise InputError(f"exemplar as a sequence holds surfaces, and 'near' or 'all' once at most; it holds {words!r}")
         others = tuple(one for one in exemplar if isinstance(one, Surface))
         own = np.full(len(surface.vertices), words == ["all"])
