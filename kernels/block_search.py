@@ -23,6 +23,9 @@ ROWS = 4
 # The overlap is summed in this many parts. After each, a group of candidates none of which can be chosen any more is given up.
 _PARTS = wp.constant(8)
 
+# Stands for the cost of a block that fits exactly, so that of several such the least used is chosen.
+EQUAL = wp.constant(1.0e-3)
+
 # A block continues at most this many neighbours. An entry of _OTHERS says that it has to fit more blocks than it can continue.
 _CONTINUED = wp.constant(4)
 _OTHERS = wp.constant(-2)
@@ -336,6 +339,87 @@ def choose_blocks_kernel(
                                 chosen = (ROWS * i + r) * width + LANES * g + lane
                             passed += 1
     choice[first_block + k] = chosen
+
+
+@wp.kernel
+def choose_even_blocks_kernel(
+    start: int,
+    first_block: int,
+    cost: wp.array3d[wp.float32],
+    least: wp.array3d[wp.float32],
+    width: int,
+    tolerance: float,
+    evenness: float,
+    uniform: wp.array[wp.float32],
+    use: wp.array2d[wp.float32],
+    # output
+    choice: wp.array[wp.int32],
+):
+    """Choose, of the candidates whose cost is at most (1 + tolerance) min c, the one of least c (1 + evenness use).
+
+    ``use`` is a candidate's share of what even use would give it in the end. Of several equal ones the choice is random.
+    """
+    k = start + wp.tid()
+    best = float(UNUSABLE)
+    for i in range(least.shape[1]):
+        for g in range(least.shape[2]):
+            best = wp.min(best, least[k, i, g])
+    limit = wp.min(best * (1.0 + tolerance), 0.5 * float(UNUSABLE))
+    lowest = float(UNUSABLE)
+    listed = int(0)
+    for i in range(least.shape[1]):
+        for g in range(least.shape[2]):
+            if least[k, i, g] <= limit:
+                for r in range(ROWS):
+                    for lane in range(LANES):
+                        c = cost[k, ROWS * i + r, LANES * g + lane]
+                        if c <= limit:
+                            weighed = (c + EQUAL) * (1.0 + evenness * use[ROWS * i + r, LANES * g + lane])
+                            if weighed < lowest:
+                                lowest = weighed
+                                listed = 0
+                            if weighed == lowest:
+                                listed += 1
+    wanted = wp.min(listed - 1, int(uniform[first_block + k] * float(listed)))
+    passed = int(0)
+    chosen = int(-1)
+    for i in range(least.shape[1]):
+        if chosen >= 0:
+            break
+        for g in range(least.shape[2]):
+            if least[k, i, g] <= limit:
+                for r in range(ROWS):
+                    for lane in range(LANES):
+                        c = cost[k, ROWS * i + r, LANES * g + lane]
+                        if c <= limit:
+                            if (c + EQUAL) * (1.0 + evenness * use[ROWS * i + r, LANES * g + lane]) == lowest:
+                                if passed == wanted:
+                                    chosen = (ROWS * i + r) * width + LANES * g + lane
+                                passed += 1
+    choice[first_block + k] = chosen
+
+
+@wp.kernel
+def count_use_kernel(
+    start: int,
+    first_block: int,
+    count: int,
+    choice: wp.array[wp.int32],
+    width: int,
+    block: int,
+    share: float,
+    # output
+    use: wp.array2d[wp.float32],
+):
+    """Add to every candidate's use the share of its pixels that the wave's blocks take, times ``share``."""
+    y = start + wp.tid()
+    for k in range(count):
+        row = choice[first_block + k] / width
+        column = choice[first_block + k] - row * width
+        down = block - wp.abs(y - row)
+        if down > 0:
+            for x in range(wp.max(0, column - block + 1), wp.min(use.shape[1], column + block)):
+                use[y, x] += share * float(down * (block - wp.abs(x - column))) / float(block * block)
 
 
 @wp.kernel

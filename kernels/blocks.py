@@ -21,7 +21,9 @@ from intaglio.kernels.block_search import (
     absolute_costs_kernel,
     bound_taken_kernel,
     choose_blocks_kernel,
+    choose_even_blocks_kernel,
     continue_neighbors_kernel,
+    count_use_kernel,
     gather_overlaps_kernel,
     set_bounds_kernel,
     squared_costs_kernel,
@@ -121,6 +123,9 @@ class BlockLayer:
         From `choose_device`.
     prune : bool
         False: compare every candidate in full.
+    evenness : float, optional
+        Within the tolerance the block of least cost times (1 + evenness use) is chosen, with the candidate's use in units of
+        what even use would give it in the end. None: one is drawn, all alike.
     """
 
     def __init__(
@@ -135,6 +140,7 @@ class BlockLayer:
         uniform: np.ndarray,
         device: str,
         prune: bool = True,
+        evenness: float | None = None,
     ) -> None:
         self.device = device
         self.blocks = blocks
@@ -169,6 +175,10 @@ class BlockLayer:
             self._boxes = self._upload(box_sums(sample.planes, self._box))
             self._cells, self._most_cells = self._stencils(self._box)
         self._prune = prune
+        self._evenness = evenness
+        self._use = wp.zeros((self._groups[0] * ROWS, self._groups[1] * LANES), dtype=wp.float32, device=device)
+        # All blocks together, laid evenly, would take each candidate's pixels so often.
+        self._use_share = float(sample.usable.sum()) / max(1.0, float(len(blocks.origin) * blocks.block**2))
         self._make_buffers()
 
     @property
@@ -350,13 +360,38 @@ class BlockLayer:
                 work=3 * self._longest * self._maps + rows * columns,
             )
         self._costs(first, count, boxes=False)
-        self._launch(
-            choose_blocks_kernel,
-            count,
-            inputs=[first, self._cost, self._least, self._width, self._tolerance, self._uniform],
-            outputs=[self._choice],
-            work=3 * rows * columns,
-        )
+        if self._evenness is None:
+            self._launch(
+                choose_blocks_kernel,
+                count,
+                inputs=[first, self._cost, self._least, self._width, self._tolerance, self._uniform],
+                outputs=[self._choice],
+                work=3 * rows * columns,
+            )
+        else:
+            self._launch(
+                choose_even_blocks_kernel,
+                count,
+                inputs=[
+                    first,
+                    self._cost,
+                    self._least,
+                    self._width,
+                    self._tolerance,
+                    self._evenness,
+                    self._uniform,
+                    self._use,
+                ],
+                outputs=[self._choice],
+                work=6 * rows * columns,
+            )
+            self._launch(
+                count_use_kernel,
+                rows * ROWS,
+                inputs=[first, count, self._choice, self._width, self.blocks.block, self._use_share],
+                outputs=[self._use],
+                work=4 * count * self.blocks.block,
+            )
         if self._shortcut:
             self._launch(take_agreed_kernel, count, inputs=[first, self._taken], outputs=[self._choice], work=1)
 

@@ -483,6 +483,8 @@ class Table:
             "quilt": lambda: (it("quilt"), {
                 "maps": self.sample, "size": 30, "block": 8, "overlap": 2, "tolerance": 0.1, "cut": "path",
                 "continuation": "shortcut", "refine": 0, **synthesis}),
+            "weave": lambda: (it("weave"), {
+                "maps": self.sample, "size": 30, "block": 8, "passes": 1, "exact": False, **synthesis}),
             "grow": lambda: (it("grow"), {
                 "maps": self.sample, "size": 28, "missing": None, "window": 1, "levels": 1, "exhaustive": 1.0, **synthesis}),
             "grow missing": lambda: (it("grow"), {
@@ -493,6 +495,7 @@ class Table:
             "synthesize_each_light": lambda: (it("synthesize_each_light"), {
                 "source": self.stack, "size": 18, "lights": self.lights[:1], "options": self.it.QuiltOptions(block=6),
                 "kind": "gradient", "color": "channels", "robust": False, **synthesis, "mask": None}),
+            "WeaveOptions": lambda: (it("WeaveOptions"), fields(self.it.WeaveOptions())),
             "QuiltOptions": lambda: (it("QuiltOptions"), fields(self.it.QuiltOptions())),
             "GrowOptions": lambda: (it("GrowOptions"), fields(self.it.GrowOptions())),
             "Match": lambda: (it("Match"), {"maps": self.sample, "weights": (1.0,), "metric": "absolute"}),

@@ -52,6 +52,7 @@ def test_maps_of_a_material_stay_together(run, sample, tmp_path):
         "--block",
         "20",
         "--tileable",
+        "--exact",
     ]
     status, _, errors = run("synthesize", *words, "--report", tmp_path / "page.html")
     assert status == 0, errors
@@ -127,8 +128,8 @@ def test_bad_calls_end_in_one_line(run, sample, tmp_path):
         ([sample, *out, "--mask", tmp_path / "black.png"], "black.png: leaves no pixel"),
         ([tmp_path / "wide.tif", *out], "wide.tif: holds uint32"),
         ([tmp_path / "nan.exr", *out], "nan.exr: has values that are not finite"),
-        ([sample, *out, "--block", "10", "--overlap", "10"], "overlap must be"),
-        ([sample, *out, "--method", "grow", "--block", "10"], "--block is for --method quilt"),
+        ([sample, *out, "--method", "quilt", "--block", "10", "--overlap", "10"], "overlap must be"),
+        ([sample, *out, "--method", "grow", "--block", "10"], "--block is for --method weave"),
         ([sample, *out, "--window", "5"], "--window is for --method grow"),
         ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--gray"], "--gray is for photographs"),
         ([texture, "-o", tmp_path / "u.exr", "--size", "50x50", "--mask", other], "--mask is for photographs"),

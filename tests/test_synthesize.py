@@ -12,6 +12,7 @@ from intaglio import (
     Match,
     PhotometricStack,
     QuiltOptions,
+    WeaveOptions,
     assess_synthesis,
     grow,
     light_direction,
@@ -89,9 +90,9 @@ def test_the_other_order_gives_an_image_for_each_light(stack):
         np.testing.assert_array_equal(result.maps, image[result.source[..., 0], result.source[..., 1]])
 
 
-def test_plain_maps_and_both_methods():
+def test_plain_maps_and_all_methods():
     maps = [np.random.default_rng(0).random((30, 30)), np.random.default_rng(1).random((30, 30, 2))]
-    for options in (None, GrowOptions()):
+    for options in (WeaveOptions(exact=True), QuiltOptions(), GrowOptions()):
         result = synthesize(maps, 40, options, seed=1)
         assert result.maps.shape == (40, 40, 3)
         np.testing.assert_array_equal(result.maps[..., 1:], result.copy_of(maps[1]))
@@ -107,6 +108,8 @@ def test_plain_maps_and_both_methods():
         (QuiltOptions, {"block": True}, "block must be"),
         (QuiltOptions, {"overlap": 0}, "overlap must be"),
         (QuiltOptions, {"refine": 1.5}, "refine must be"),
+        (WeaveOptions, {"block": 1}, "block must be"),
+        (WeaveOptions, {"passes": -1}, "passes must be"),
         (GrowOptions, {"window": 8}, "window must be a whole number from 1 to 7"),
         (GrowOptions, {"levels": 13}, "levels must be"),
         (GrowOptions, {"exhaustive": 2}, "exhaustive must be"),

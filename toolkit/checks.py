@@ -42,7 +42,7 @@ _SOURCES = {
     "Relightable": "represent and read_relightable give one",
     "Surface": "read_surface gives one",
     "SurfaceMaps": "surface_maps gives them",
-    "Synthesis": "quilt, grow and synthesize give one",
+    "Synthesis": "weave, quilt, grow and synthesize give one",
     "Texture": "combine_photographs gives one",
 }
 

@@ -90,6 +90,7 @@ from intaglio.synthesis import (
     QuiltOptions,
     Synthesis,
     SynthesisReport,
+    WeaveOptions,
     assess_synthesis,
     friedman,
     grow,
@@ -99,6 +100,7 @@ from intaglio.synthesis import (
     read_ranks,
     synthesize,
     synthesize_each_light,
+    weave,
 )
 
 __all__ = [
@@ -146,6 +148,7 @@ __all__ = [
     "Texture",
     "TruthComparison",
     "ViewComparison",
+    "WeaveOptions",
     "assess_geometry",
     "assess_relief",
     "assess_representation",
@@ -196,6 +199,7 @@ __all__ = [
     "synthesize",
     "synthesize_each_light",
     "tilt_and_slant",
+    "weave",
     "wrap_geometry",
     "write_candidates_report",
     "write_exr",

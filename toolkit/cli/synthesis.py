@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,7 @@ from intaglio.synthesis import (
     Material,
     QuiltOptions,
     Synthesis,
+    WeaveOptions,
     assess_synthesis,
     friedman,
     holds_material,
@@ -68,7 +70,8 @@ from intaglio.synthesis import synthesize as synthesize_texture
 SOURCE = "source.exr"
 
 # Options that only one method has.
-_OWN = {"quilt": tuple(f.name for f in fields(QuiltOptions)), "grow": tuple(f.name for f in fields(GrowOptions))}
+_METHODS: dict[str, Callable[..., Any]] = {"weave": WeaveOptions, "quilt": QuiltOptions, "grow": GrowOptions}
+_OWN = {method: tuple(f.name for f in fields(options)) for method, options in _METHODS.items()}  # type: ignore[arg-type]
 
 # Options that only photographs under known lights have.
 _OF_PHOTOGRAPHS = ("kind", "color", "robust", "response", "sphere", "circle", "gray")
@@ -100,6 +103,15 @@ class _Representation:
     kind: str
     color: str
     robust: bool
+
+
+def _chosen_options(method: str, **values: Any) -> WeaveOptions | QuiltOptions | GrowOptions:
+    """Return the options of a method; `InputError` if one was given that only another has."""
+    for other, names in _OWN.items():
+        for name in names:
+            if name not in _OWN[method] and was_given(name):
+                raise InputError(f"--{name} is for --method {other}")
+    return _METHODS[method](**{name: values[name] for name in _OWN[method]})
 
 
 class _Images:
@@ -153,7 +165,6 @@ class _Images:
 @click.argument("samples", nargs=-1, required=True, type=FilePath())
 @click.option("-o", "--output", required=True, type=FilePath(), help="Image, texture, or folder for several maps.")
 @click.option("--size", required=True, help="WIDTHxHEIGHT in pixels.")
-@click.option("--method", type=click.Choice(sorted(_OWN)), default="quilt", show_default=True, help="By blocks or by pixels.")
 @grouped(
     "representation",
     _Representation,
@@ -162,9 +173,20 @@ class _Images:
     click.option("--robust", is_flag=True, help="Of photographs: shadows and highlights don't bend normals (gradient, height)."),
 )
 @grouped(
-    "blocks",
-    QuiltOptions,
-    click.option("--block", type=_Block(), default="auto", show_default=True, help="quilt: side of a block in pixels, or auto."),
+    "options",
+    _chosen_options,
+    click.option(
+        "--method",
+        type=click.Choice(list(_OWN)),
+        default="weave",
+        show_default=True,
+        help="By coherent pieces, by blocks or by pixels.",
+    ),
+    click.option("--passes", type=int, default=2, show_default=True, help="weave: matches and votes on each level."),
+    click.option("--exact", is_flag=True, help="weave: only copies; pieces are not joined by their differences."),
+    click.option(
+        "--block", type=_Block(), default="auto", show_default=True, help="weave, quilt: side of a block in pixels, or auto."
+    ),
     click.option("--overlap", type=int, default=None, help="quilt: of blocks, in pixels; default a third of the block."),
     click.option("--tolerance", type=float, default=0.1, show_default=True, help="quilt: choose within this share of the best."),
     click.option("--cut", type=click.Choice(CUTS), default="path", show_default=True, help="quilt: boundary between blocks."),
@@ -176,10 +198,6 @@ class _Images:
         help="quilt: where the sample itself continues.",
     ),
     click.option("--refine", type=int, default=2, show_default=True, help="quilt: passes that remove seams; 0: none."),
-)
-@grouped(
-    "pixels",
-    GrowOptions,
     click.option("--window", type=int, default=2, show_default=True, help="grow: radius of the neighbourhood in pixels."),
     click.option("--levels", type=int, default=None, help="grow: of the pyramid; default by the sample's size."),
     click.option("--exhaustive", type=float, default=1.0, show_default=True, help="grow: share of pixels that are searched for."),
@@ -195,10 +213,8 @@ def synthesize(
     samples: tuple[Path, ...],
     output: Path,
     size: str,
-    method: str,
     representation: _Representation,
-    blocks: QuiltOptions,
-    pixels: GrowOptions,
+    options: WeaveOptions | QuiltOptions | GrowOptions,
     metric: str,
     tileable: bool,
     maps: Path | None,
@@ -216,10 +232,6 @@ def synthesize(
     their folder), give a relightable texture.
     """
     height, width = image_size(size)
-    for other in set(_OWN) - {method}:
-        for name in _OWN[other]:
-            if was_given(name):
-                raise InputError(f"--{name} is for --method {other}")
     device_or_error(device)
     if report is not None:
         known_suffix(report, (".html", ".htm"), "report")
@@ -233,7 +245,6 @@ def synthesize(
     where = (output / SOURCE if several else output.with_name(f"{output.stem}.{SOURCE}")) if source else None
     others = [path for path in (where, report) if path is not None]
     start = time.perf_counter()
-    options = blocks if method == "quilt" else pixels
 
     def make(sample: Any, match: Match, usable: Array | None) -> Synthesis:
         with ProgressBar("synthesising") as bar:
@@ -277,7 +288,7 @@ def synthesize(
             images = _Images(samples)
         given, compared = images.values, images.compared
         usable = _usable_pixels(images, samples, reading.mask)
-        result = make(given, Match(compared, metric=metric), usable)
+        result = make(images if isinstance(images, Material) else given, Match(compared, metric=metric), usable)
         if isinstance(images, Material):
             written = images.with_values(result.maps).write(output)
         else:

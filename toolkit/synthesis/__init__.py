@@ -4,7 +4,7 @@ from intaglio.synthesis.assess import SynthesisReport, assess_synthesis
 from intaglio.synthesis.growing import grow
 from intaglio.synthesis.material import Material, holds_material, read_material
 from intaglio.synthesis.nearest import NearestWindows
-from intaglio.synthesis.options import CONTINUATIONS, CUTS, GrowOptions, QuiltOptions
+from intaglio.synthesis.options import CONTINUATIONS, CUTS, GrowOptions, QuiltOptions, WeaveOptions
 from intaglio.synthesis.pipelines import synthesize, synthesize_each_light
 from intaglio.synthesis.pyramid import smooth_plane
 from intaglio.synthesis.quilting import quilt
@@ -14,6 +14,7 @@ from intaglio.synthesis.refinement import SIDES, optimize_texture
 from intaglio.synthesis.report import THESIS_LIGHTS, write_source, write_synthesis_report
 from intaglio.synthesis.result import Synthesis, copy_texture, pixel_positions
 from intaglio.synthesis.sample import METRICS, Match, SampleMaps
+from intaglio.synthesis.weaving import weave
 
 __all__ = [
     "CONTINUATIONS",
@@ -31,6 +32,7 @@ __all__ = [
     "SampleMaps",
     "Synthesis",
     "SynthesisReport",
+    "WeaveOptions",
     "assess_synthesis",
     "copy_texture",
     "friedman",
@@ -46,6 +48,7 @@ __all__ = [
     "smooth_plane",
     "synthesize",
     "synthesize_each_light",
+    "weave",
     "write_ranking_page",
     "write_source",
     "write_synthesis_report",

@@ -1,4 +1,4 @@
-"""How a texture is synthesised: the options of the two methods, each validated when it is made."""
+"""How a texture is synthesised: the options of the three methods, each validated when it is made."""
 
 from __future__ import annotations
 
@@ -14,6 +14,52 @@ CONTINUATIONS = ("shortcut", "search", "avoid")
 
 # With a larger tolerance every block is a candidate anyway.
 _MOST_TOLERANCE = 1e6
+
+
+@dataclass(frozen=True)
+class WeaveOptions:
+    """Options of synthesis by coherent pieces, for `synthesize` and `synthesize_each_light`.
+
+    `weave` takes the same options as arguments.
+
+    Parameters
+    ----------
+    block : int or "auto", optional
+        Side in pixels of the blocks that synthesis begins with, at least 2 and no larger than the sample; rounded to pixels of
+        the coarse level. "auto": several are tried, and the one whose result is most like the sample is taken.
+    passes : int, optional
+        How often the patches over borders are matched and vote on each level, 0 to 100. 0: the blocks as they were laid.
+    exact : bool, optional
+        Only copies: pieces are not joined, and all maps hold the sample's bits.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+
+    See Also
+    --------
+    intaglio.weave : The method, with its references.
+    intaglio.QuiltOptions, intaglio.GrowOptions : The options of the other methods.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import intaglio
+    >>> sample = np.tile(np.eye(8), (8, 8))
+    >>> made = intaglio.synthesize(sample, (80, 96), intaglio.WeaveOptions(block=24, exact=True), device="cpu")
+    >>> made.moved is None
+    True
+    """
+
+    block: int | str = "auto"
+    passes: int = 2
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "passes", checked_count("passes", self.passes, 0, 100))
+        _check_block(self.block)
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -80,9 +126,7 @@ class QuiltOptions:
         object.__setattr__(self, "refine", checked_count("refine", self.refine, 0, 100))
         checked_choice("cut", self.cut, CUTS)
         checked_choice("continuation", self.continuation, CONTINUATIONS)
-        automatic = isinstance(self.block, str) and self.block == "auto"
-        if not automatic and (not _is_whole(self.block) or int(self.block) < 2):
-            raise InputError(f'block must be a whole number of at least 2, or "auto", not {shown(self.block)}')
+        _check_block(self.block)
         if self.overlap is not None and (not _is_whole(self.overlap) or self.overlap < 1):
             raise InputError(f"overlap must be a whole number from 1 to block - 1, not {shown(self.overlap)}")
         check_fields(self)
@@ -139,6 +183,13 @@ class GrowOptions:
         if self.levels is not None:
             object.__setattr__(self, "levels", checked_count("levels", self.levels, 1, 12))
         check_fields(self)
+
+
+def _check_block(block: int | str) -> None:
+    """Raise `InputError` unless ``block`` is "auto" or a whole number of at least 2."""
+    automatic = isinstance(block, str) and block == "auto"
+    if not automatic and (not _is_whole(block) or int(block) < 2):
+        raise InputError(f'block must be a whole number of at least 2, or "auto", not {shown(block)}')
 
 
 def _is_whole(value: object) -> bool:

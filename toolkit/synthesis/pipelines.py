@@ -23,17 +23,19 @@ from intaglio.photometric import (
     surface_maps,
 )
 from intaglio.synthesis.growing import grow
-from intaglio.synthesis.options import GrowOptions, QuiltOptions
+from intaglio.synthesis.material import Material
+from intaglio.synthesis.options import GrowOptions, QuiltOptions, WeaveOptions
 from intaglio.synthesis.quilting import quilt
 from intaglio.synthesis.result import Synthesis
 from intaglio.synthesis.sample import stack_maps
+from intaglio.synthesis.weaving import weave
 
 
 @checked_arguments
 def synthesize(
     source: Any,
     size: int | tuple[int, int],
-    options: QuiltOptions | GrowOptions | None = None,
+    options: WeaveOptions | QuiltOptions | GrowOptions | None = None,
     *,
     kind: str = "gradient",
     color: str = "channels",
@@ -57,9 +59,9 @@ def synthesize(
         The sample.
     size : int or (int, int)
         Rows and columns of the result in pixels, 1 to 65536; one number makes a square.
-    options : QuiltOptions or GrowOptions, optional
-        The method, by blocks or pixel by pixel, and its options. Default None: ``QuiltOptions()``, blocks with two passes of
-        refinement, which suits most textures.
+    options : WeaveOptions, QuiltOptions or GrowOptions, optional
+        The method, by coherent pieces, by blocks or pixel by pixel, and its options. Default None: ``WeaveOptions()``, by
+        coherent pieces, which suits most textures; the others are as published.
     kind : str, optional
         How photographs are represented; see `represent`. With ``"height"``, and with relightable textures of that kind,
         height and albedo are synthesised, and the normals are those of the synthesised heights (section 7.3.2, figure
@@ -89,11 +91,11 @@ def synthesize(
     Raises
     ------
     InputError
-        If ``options`` is of another class, and as `represent`, `quilt` and `grow`.
+        If ``options`` is of another class, and as `represent`, `weave`, `quilt` and `grow`.
 
     See Also
     --------
-    intaglio.quilt, intaglio.grow : The methods, for maps alone.
+    intaglio.weave, intaglio.quilt, intaglio.grow : The methods, for maps alone.
     intaglio.assess_synthesis : How similar a result is to its sample.
 
     References
@@ -115,7 +117,7 @@ def synthesize(
     make = _choose_method(options, size, common)
     if isinstance(source, PhotometricStack):
         source = represent(source, kind, color=color, robust=robust, device=device)
-    if not isinstance(source, Relightable):
+    if not isinstance(source, Relightable | Material):
         source = stack_maps(source, "source")
     if isinstance(source, Relightable) and source.kind == "height":
         return _synthesize_height(source, make, mask)
@@ -127,7 +129,7 @@ def synthesize_each_light(
     source: PhotometricStack | Relightable,
     size: int | tuple[int, int],
     lights: Array,
-    options: QuiltOptions | GrowOptions | None = None,
+    options: WeaveOptions | QuiltOptions | GrowOptions | None = None,
     *,
     kind: str = "gradient",
     color: str = "channels",
@@ -151,7 +153,7 @@ def synthesize_each_light(
         Rows and columns of the results in pixels, 1 to 65536; one number makes a square.
     lights : (L, 3) array
         Vectors towards the lights, of any length above 0; x right, y up, z to the camera.
-    options : QuiltOptions or GrowOptions, optional
+    options : WeaveOptions, QuiltOptions or GrowOptions, optional
         The method and its options, as for `synthesize`.
     kind : str, optional
         How photographs are represented; see `represent`.
@@ -214,15 +216,17 @@ def synthesize_each_light(
 
 
 def _choose_method(
-    options: QuiltOptions | GrowOptions | None, size: int | tuple[int, int], common: dict[str, Any]
+    options: WeaveOptions | QuiltOptions | GrowOptions | None, size: int | tuple[int, int], common: dict[str, Any]
 ) -> Callable[..., Synthesis]:
-    """Return `quilt` or `grow` with all arguments but the sample and its mask."""
-    chosen = QuiltOptions() if options is None else options
+    """Return `weave`, `quilt` or `grow` with all arguments but the sample and its mask."""
+    chosen = WeaveOptions() if options is None else options
+    if isinstance(chosen, WeaveOptions):
+        return partial(weave, size=size, **vars(chosen), **common)
     if isinstance(chosen, QuiltOptions):
         return partial(quilt, size=size, **vars(chosen), **common)
     if isinstance(chosen, GrowOptions):
         return partial(grow, size=size, **vars(chosen), **common)
-    raise InputError(f"options must be QuiltOptions or GrowOptions, not {options!r}")
+    raise InputError(f"options must be WeaveOptions, QuiltOptions or GrowOptions, not {options!r}")
 
 
 def _synthesize_height(texture: Relightable, make: Callable[..., Synthesis], mask: Array | None) -> Synthesis:

@@ -112,6 +112,12 @@ def _sized_row(heading: str, pictures: Mapping[str, Array]) -> str:
 
 
 def write_source(result: Synthesis, path: PathLike) -> None:
-    """Write provenance as an EXR: channels ``source.row`` and ``source.column``, whole numbers, row 0 at the top."""
+    """Write provenance as an EXR: channels ``source.row`` and ``source.column``, whole numbers, row 0 at the top.
+
+    Where pieces were joined, ``moved.0``, ``moved.1``, … say what was added to each map's copies.
+    """
     rows, columns = (result.source[..., i].astype(np.float32) for i in range(2))
-    write_exr({"source.row": rows, "source.column": columns}, path)
+    channels = {"source.row": rows, "source.column": columns}
+    if result.moved is not None:
+        channels |= {f"moved.{c}": np.ascontiguousarray(result.moved[..., c]) for c in range(result.moved.shape[2])}
+    write_exr(channels, path)

@@ -20,8 +20,9 @@ class Synthesis:
     Attributes
     ----------
     maps : (H, W, n) array
-        Copies of the sample's values, of its type: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly.
-        (From the heights of a `Relightable` of kind ``"height"`` the sample's plane of best fit is subtracted.)
+        Copies of the sample's values, of its type: ``maps[y, x] == sample[source[y, x, 0], source[y, x, 1]]``, exactly, where
+        nothing was ``moved``. (From the heights of a `Relightable` of kind ``"height"`` the sample's plane of best fit is
+        subtracted.)
     source : (H, W, 2) int32 array
         Row and column in the sample of each pixel.
     texture : Relightable, optional
@@ -30,6 +31,8 @@ class Synthesis:
         Whether the result wraps around.
     notes : tuple of str
         What was chosen, in words.
+    moved : (H, W, n) float32 array, optional
+        What was added to the copies to join pieces; None if all are exact.
 
     Raises
     ------
@@ -54,12 +57,15 @@ class Synthesis:
     texture: Relightable | None = None
     tileable: bool = False
     notes: tuple[str, ...] = ()
+    moved: Array | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)
         if self.maps.ndim != 3:
             raise InputError(f"maps must be (H, W, n), not {self.maps.shape}")
         object.__setattr__(self, "source", checked_shape("source", self.source, np.int32, (*self.maps.shape[:2], 2)))
+        if self.moved is not None:
+            object.__setattr__(self, "moved", checked_shape("moved", self.moved, np.float32, self.maps.shape))
         if self.source.size and self.source.min() < 0:
             raise InputError("source must hold rows and columns of the sample, from 0")
 
@@ -129,3 +135,18 @@ def copy_texture(texture: Relightable, source: Array, mask: Array | None) -> Rel
         mask=mask,
         notes=(*texture.notes, "synthesised from a sample"),
     )
+
+
+def texture_of_planes(texture: Relightable, planes: Array) -> Relightable:
+    """Return a texture of other values: ``planes`` (H, W, n) in the order of `texture_planes`."""
+    height, width = planes.shape[:2]
+    at = int(np.prod(texture.maps.shape)) // (height * width)
+    maps = np.moveaxis(planes[:, :, :at].reshape(height, width, texture.maps.shape[0], *texture.maps.shape[3:]), 2, 0)
+    found: dict[str, Any] = {"maps": np.ascontiguousarray(maps, texture.maps.dtype)}
+    for name in ("chroma", "height", "confidence"):
+        plane = getattr(texture, name)
+        if plane is not None:
+            count = plane.size // (height * width)
+            found[name] = np.ascontiguousarray(planes[:, :, at : at + count].reshape(plane.shape), plane.dtype)
+            at += count
+    return replace(texture, **found)
