@@ -61,7 +61,7 @@ def _missing_steps(copied: Array, plane: Array, usable: Array, source: Array, ax
     """
     step = np.array([1, 0]) if axis == 0 else np.array([0, 1])
     following = np.roll(source, -1, axis)
-    border: Array = np.not_equal(following - source, step).any(axis=2)
+    border: Array = np.any(following - source != step, axis=2)
     if not wrap:
         border[(slice(-1, None), slice(None)) if axis == 0 else (slice(None), slice(-1, None))] = False
     here, there = source[border], following[border]
