@@ -78,6 +78,6 @@ def _missing_steps(copied: Array, plane: Array, usable: Array, source: Array, ax
 
 def _read(plane: Array, usable: Array, place: Array) -> tuple[Array, Array]:
     """Return values at places (M, 2), and whether the sample has them."""
-    inside = ((place >= 0) & (place < usable.shape)).all(axis=1)
+    inside: Array = np.all((place >= 0) & (place < np.array(usable.shape)), axis=1)
     safe = np.where(inside[:, None], place, 0)
     return plane[safe[:, 0], safe[:, 1]], inside & usable[safe[:, 0], safe[:, 1]]
