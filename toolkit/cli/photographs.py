@@ -184,7 +184,7 @@ def texture(
         click.echo(f"  {note}", err=True)
     if restore != "none":
         with ProgressBar("restoring what was not seen") as bar:
-            made = restore_texture(made, restore, device=chosen, progress=bar.update)
+            made = restore_texture(made, restore, seed=seed, device=chosen, progress=bar.update)
     written = write_textured(surface, uv, made, output)
     share = 100 * made.known.sum() / max(int(made.inside.sum()), 1)
     seconds = time.perf_counter() - start
@@ -234,7 +234,7 @@ def _pictures(photographs: list[Photograph]) -> list[Path]:
         help="8: compare with turned and mirrored neighbourhoods, too; 1: as they are.",
     ),
     click.option("--refine", type=click.IntRange(0, 10), default=1, show_default=True, help="Passes of texture optimisation."),
-    click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: for split."),
+    click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: but for synthesize."),
 )
 @click.option("--barriers", type=FilePath(), default=None, help="Mask of pixels that colours don't spread across.")
 @click.option("--invert", is_flag=True, help="The mask's dark pixels are missing, instead of its bright ones.")
@@ -254,8 +254,8 @@ def restore(
 ) -> None:
     """Fill what is missing of IMAGE: the bright pixels of MASK (half of its range and more).
 
-    Structure is diffused from around, detail synthesised from the known part. Known pixels keep their bits. Where the image has
-    alpha, fully transparent pixels do not belong to it; restored pixels are opaque.
+    Thin damage is bridged from its sides, holes are filled by coherent pieces of the known part. Known pixels keep their bits.
+    Where the image has alpha, fully transparent pixels do not belong to it; restored pixels are opaque.
     """
     inputs = (image, mask) if barriers is None else (image, mask, barriers)
     check_writable(output, inputs=inputs)
@@ -263,10 +263,10 @@ def restore(
     if report is not None:
         check_writable(report, inputs=(*inputs, output))
         known_suffix(report, (".html", ".htm"), "report")
-    if method == "inpaint":
+    if method in ("inpaint", "weave"):
         given = [n for n in ("kappa", "levels", "coherence", "orientations", "refine") if was_given(n)]
         if given:
-            raise InputError(f"--{given[0]} is for synthesis, which --method inpaint does without")
+            raise InputError(f"--{given[0]} is for --method split or synthesize, and has no effect on {method}")
     if method == "synthesize" and was_given("kappa"):
         raise InputError("--kappa is for --method split; synthesis alone has no low band")
     known_suffix(image, READABLE_SUFFIXES, "image")
@@ -287,6 +287,7 @@ def restore(
                 **synthesis,
                 barriers=walls,
                 inside=inside,
+                seed=seed,
                 device=device,
                 progress=bar.update,
             )

@@ -27,6 +27,7 @@ def restore_texture(
     orientations: int = 1,
     refine: int = 1,
     seams: bool | None = None,
+    seed: int = 0,
     device: str | None = None,
     progress: Progress | None = None,
 ) -> Texture:
@@ -39,9 +40,8 @@ def restore_texture(
     ----------
     texture : Texture
         From `combine_photographs`; texels on the surface that are not ``known`` are filled.
-    method : {"auto", "split", "inpaint", "synthesize"}, optional
-        Thin gaps by a plate and the rest by both bands, each by the method that suits it; or one of the methods for all of the
-        texture. See `restore`.
+    method : {"auto", "weave", "split", "inpaint", "synthesize"}, optional
+        Thin gaps by a plate and the rest by coherent pieces; or one of the methods for all of the texture. See `restore`.
     kappa : int, optional
         Number of subbands in the low band, 0 to 512. Default None: the smallest number that leaves the high band homogeneous.
     levels : int, optional
@@ -53,12 +53,14 @@ def restore_texture(
     refine : int, optional
         Passes of texture optimisation over the filled region, 0 to 10.
     seams : bool, optional
-        Fit the filled texels to the known ones around them by the differences of their sources. Default None: for "auto"
-        and "split" only.
+        Fit the filled texels to the known ones around them by the differences of their sources. Default None: not
+        for "synthesize".
+    seed : int, optional
+        Of "weave": the same seed gives the same bits.
     device : str, optional
         ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with the texels done and all texels, over all levels of the synthesis.
+        Called with the amount done and the total.
 
     Returns
     -------
@@ -115,6 +117,7 @@ def restore_texture(
         refine=refine,
         seams=seams,
         inside=usable,
+        seed=seed,
         device=device,
         progress=progress,
     )

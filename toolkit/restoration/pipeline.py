@@ -1,4 +1,4 @@
-"""Filling what is missing of an image: structure by diffusion, detail by synthesis (Yamauchi et al. 2005, section 5)."""
+"""Filling what is missing of an image: by coherent pieces, or as Yamauchi et al. (2005, section 5) do, by two bands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from intaglio.checks import (
 )
 from intaglio.devices import device_or_error
 from intaglio.errors import InputError
+from intaglio.kernels.patch_match import SIDE
 from intaglio.kernels.pull_push import continue_image
+from intaglio.randomness import checked_seed
+from intaglio.restoration.coherent import fill_by_pieces, whole_patches
 from intaglio.restoration.fill import find_whole_neighborhoods, synthesize_hole
 from intaglio.restoration.frequency import MOST_SUBBANDS, choose_kappa, low_band
 from intaglio.restoration.inpaint import inpaint
@@ -35,7 +38,10 @@ _MOST_WINDOWS = 8_000
 # _SURROUNDINGS pixels; the contrast changes by a factor of at most _MOST_CONTRAST.
 _FINE, _SURROUNDINGS, _MOST_CONTRAST = 2.0, 24.0, 1.25
 
-METHODS = ("auto", "split", "inpaint", "synthesize")
+# How far what differs at a hole's rim is carried into its copies, in pixels.
+_REACH = 30.0
+
+METHODS = ("auto", "weave", "split", "inpaint", "synthesize")
 
 
 @dataclass(frozen=True)
@@ -49,10 +55,10 @@ class Restoration:
     missing : (H, W) bool array
         The pixels that were filled.
     source : (H, W, 2) int32 array
-        Row and column of the pixel whose detail each pixel carries; known pixels carry their own, and so do those of thin
-        damage, and with inpainting alone all.
+        Row and column of the pixel that each pixel copies, or whose detail it carries; known pixels carry their own, and so do
+        those of thin damage, and with inpainting alone all.
     low : (H, W) or (H, W, C) float64 array
-        The low band, with its missing part inpainted; zero for synthesis alone.
+        The low band, with its missing part inpainted; zero where there is none.
     kappa : int
         Number of subbands in the low band.
     notes : tuple of str
@@ -112,15 +118,19 @@ def restore(
     seams: bool | None = None,
     barriers: Array | None = None,
     inside: Array | None = None,
+    seed: int = 0,
     device: str | None = None,
     progress: Progress | None = None,
 ) -> Restoration:
     """Fill the missing pixels of an image.
 
-    The image is split into two bands by a cosine transform. The missing part of the low band, its large structures and
-    gradients, is inpainted by diffusion; that of the high band, its detail, is synthesised from the known part, neighbourhood
-    by neighbourhood, on a Gaussian pyramid. The sum is the result. It is computed on the CPU, except for the continuation of
-    the image past its border.
+    By default thin damage is bridged by a thin plate, and holes are filled by coherent pieces of the known part: from coarse
+    to fine, patches over a hole are matched to it and vote, pixels are copied from where they point, and pieces are fitted to
+    each other and to the rim by their differences.
+
+    With "split", as published, the image is split into two bands by a cosine transform. The missing part of the low band, its
+    large structures and gradients, is inpainted by diffusion; that of the high band, its detail, is synthesised from the known
+    part, neighbourhood by neighbourhood, on a Gaussian pyramid. The sum is the result.
 
     Parameters
     ----------
@@ -129,15 +139,16 @@ def restore(
         visible. Missing pixels may hold anything.
     missing : (H, W) bool array
         The pixels to fill.
-    method : {"auto", "split", "inpaint", "synthesize"}, optional
-        "split": both bands, each by the method that suits it, as published; or one of the methods for the whole image. "auto",
-        the default: damage under 11 pixels wide by a thin plate through its two sides, the rest by "split"; where copies are
-        clearly nearer to what is known, on damage of the same shape laid beside it, all by "split".
+    method : {"auto", "weave", "split", "inpaint", "synthesize"}, optional
+        "weave": coherent pieces; "split": both bands, each by the method that suits it, as published; "inpaint" and
+        "synthesize": one of the latter's methods for the whole image. "auto", the default: damage under 11 pixels wide by a
+        thin plate through its two sides, the rest by "weave"; where copies are clearly nearer to what is known, on damage of
+        the same shape laid beside it, all by "weave". Where one of the next five options is given, "split" takes its place.
     kappa : int, optional
         Number of subbands in the low band, 0 to 512; a subband is half a cycle over the longer side. Only for "auto" and "split".
         Default None: the smallest number that leaves the high band homogeneous.
     levels : int, optional
-        Levels of the pyramid, 1 to 6; n + 1 in section 5.4.
+        Levels of the pyramid of "split" and "synthesize", 1 to 6; n + 1 in section 5.4.
     coherence : float, optional
         Preference for continuing what neighbours copy over the nearest neighbourhood, 0 to 100; kappa in Hertzmann et al.
     orientations : {1, 8}, optional
@@ -147,18 +158,20 @@ def restore(
         Passes of texture optimisation over the filled region, with windows of 8 pixels, 0 to 10. 0 is the synthesis as
         published.
     seams : bool, optional
-        Fit the filled pixels to the known ones around them by the differences of their sources (Poisson). Default None: for
-        "auto" and "split" only, as they diffuse what is known, which synthesis alone does not.
+        Fit the filled pixels to the known ones around them by the differences of their sources (Poisson). Default None: not
+        for "synthesize", which neither diffuses nor moves what it copies.
     barriers : (H, W) bool array, optional
         Pixels across which nothing diffuses, so that an edge stays an edge; a slanted line must be two pixels wide. Default
         None: there are none.
     inside : (H, W) bool or int array, optional
         Pixels that belong to the image, or the number of the chart to which each belongs, 0 for none. Pixels outside are
         neither used nor changed, and neighbourhoods don't leave their chart. Default None: the whole image is one chart.
+    seed : int, optional
+        Of "weave": the same seed gives the same bits.
     device : str, optional
         ``"cpu"``, ``"cuda:0"``. Default None: CUDA if there is one.
     progress : callable, optional
-        Called with the pixels done and all pixels, over all levels of the synthesis.
+        Called with the amount done and the total.
 
     Returns
     -------
@@ -178,6 +191,9 @@ def restore(
 
     References
     ----------
+    Wexler, Shechtman & Irani, "Space-Time Completion of Video", PAMI 29, 2007: the vote. Barnes et al., "PatchMatch",
+    SIGGRAPH 2009. Newson et al., "Video Inpainting of Complex Scenes", SIAM J. Imaging Sci. 7, 2014: texture features. Criminisi
+    et al., "Region Filling and Object Removal", IEEE TIP 13, 2004: the second start.
     Yamauchi et al., "Textures Revisited", The Visual Computer 21, 2005, section 5. Oliveira et al., "Fast Digital Image
     Inpainting", VIIP 2001, section 3. Hertzmann et al., "Image Analogies", SIGGRAPH 2001, section 3. Pérez et al.,
     "Poisson Image Editing", SIGGRAPH 2003.
@@ -201,6 +217,7 @@ def restore(
         raise InputError(f"orientations must be 1 (as they are) or 8 (turned and mirrored, too), not {orientations!r}")
     if kappa is not None:
         kappa = checked_count("kappa", kappa, 0, 512)
+    seed = checked_seed(seed)
     chosen = device_or_error(device)
     given = _checked_image(image)
     shape = given.shape[:2]
@@ -234,12 +251,14 @@ def restore(
     notes: list[str] = []
     thin = np.zeros_like(hole)
     if method == "auto":
+        bands_wanted = kappa is not None or (levels, coherence, orientations, refine) != (3, 10.0, 1, 1)
+        method = "split" if bands_wanted else "weave"
 
         def copied(part: Array, gone: Array, charts: Array) -> Array:
             return restore(
                 part,
                 gone,
-                "split",
+                method,
                 kappa=kappa,
                 levels=levels,
                 coherence=coherence,
@@ -247,16 +266,27 @@ def restore(
                 refine=refine,
                 seams=seams,
                 inside=charts,
+                seed=seed,
                 device=chosen,
             ).image
 
         smooth, thin = _fill_thin(smooth, hole, chart, stops, copied, notes)
-        method = "inpaint" if (thin == hole).all() else "split"
-    if method != "inpaint" and not find_whole_neighborhoods(known, chart).any():
-        notes.append("no 5 x 5 neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
+        method = "inpaint" if (thin == hole).all() else method
+    least = SIDE if method == "weave" else 5
+    starts = find_whole_neighborhoods(known, chart) if method != "weave" else whole_patches(known, chart)
+    if method != "inpaint" and not starts.any():
+        notes.append(f"no {least} x {least} neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
         method = "inpaint"
     result, low, source, bands = smooth, smooth, here, MOST_SUBBANDS
-    if method != "inpaint":
+    if method == "weave":
+        open_ = hole & ~thin
+        source, how = fill_by_pieces(smooth, open_, known, chart, barriers=stops, seed=seed, device=chosen, progress=progress)
+        notes.append(how)
+        result, low, bands = smooth[source[:, :, 0], source[:, :, 1]], np.zeros_like(smooth), 0
+        if seams is not False:
+            straight = np.zeros(hole.shape, np.int64)
+            result = fit_to_surroundings(result, smooth, source, straight, open_, chart, reach=_REACH)
+    elif method != "inpaint":
         # The transform needs the whole rectangle: outside, the nearest colours continue.
         whole = continue_image(smooth, usable, chosen)
         bands = 0

@@ -9,15 +9,15 @@ from intaglio.arrays import Array
 from intaglio.restoration.fill import ORIENTATIONS
 from intaglio.sparse import solve_symmetric
 
-# Weight of the filled values against the differences between neighbours: it determines islands without a known neighbour.
-_PULL = 1e-4
 
-
-def fit_to_surroundings(filled: Array, band: Array, source: Array, turn: Array, missing: Array, chart: Array) -> Array:
+def fit_to_surroundings(
+    filled: Array, band: Array, source: Array, turn: Array, missing: Array, chart: Array, *, reach: float = 100.0
+) -> Array:
     """Return the band (H, W, C) with its missing pixels fitted to known neighbours and to their sources' differences.
 
     Minimises sum (u_p - u_q - g_pq)^2 over neighbours p, q of which one at least is missing; g_pq is the difference between
-    the source of p and the pixel beside it in q's direction, the mean of both ends' where both are filled.
+    the source of p and the pixel beside it in q's direction, the mean of both ends' where both are filled. A step at the
+    border decays as exp(-distance / reach).
 
     Parameters
     ----------
@@ -31,7 +31,10 @@ def fit_to_surroundings(filled: Array, band: Array, source: Array, turn: Array, 
     missing : (H, W) bool array
     chart : (H, W) int array
         Pixels of different charts are not neighbours; 0 is outside of all.
+    reach : float, optional
+        In pixels. Default 100: no more than islands without a known neighbour need to be determined.
     """
+    pull = 1 / reach**2
     number = np.full(missing.shape, -1)
     number[missing] = np.arange(missing.sum())
     count = int(missing.sum())
@@ -65,9 +68,9 @@ def fit_to_surroundings(filled: Array, band: Array, source: Array, turn: Array, 
         columns.append(number[qy, qx][~known])
     r, c_ = np.concatenate(rows), np.concatenate(columns)
     start = filled[missing].astype(np.float64)
-    right += _PULL * start
+    right += pull * start
     off = csr_array((np.full(len(r), -1.0), (r, c_)), shape=(count, count))
-    system = off + csr_array((diagonal + _PULL, np.arange(count), np.arange(count + 1)), shape=(count, count))
+    system = off + csr_array((diagonal + pull, np.arange(count), np.arange(count + 1)), shape=(count, count))
     result = filled.copy()
     result[missing] = solve_symmetric(csr_array(system), right, start)
     return result

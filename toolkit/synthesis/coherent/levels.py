@@ -101,13 +101,16 @@ def broken_patches(source: Array, wrap: bool) -> Array:
     across = (np.diff(offset, axis=1) != 0).any(axis=2)
     down = (np.diff(offset, axis=0) != 0).any(axis=2)
 
-    def counted(mask: Array, tall: int, wide: int) -> Array:
-        summed = np.pad(np.cumsum(np.cumsum(mask, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
-        a, c = STRIDE * np.arange(grid[0]), STRIDE * np.arange(grid[1])
-        b, d = a + tall, c + wide
-        return np.asarray(summed[np.ix_(b, d)] - summed[np.ix_(a, d)] - summed[np.ix_(b, c)] + summed[np.ix_(a, c)])
+    broken = sum_in_patches(across, grid, SIDE, SIDE - 1) + sum_in_patches(down, grid, SIDE - 1, SIDE)
+    return np.asarray(broken > 0)
 
-    return np.asarray(counted(across, SIDE, SIDE - 1) + counted(down, SIDE - 1, SIDE) > 0)
+
+def sum_in_patches(mask: Array, grid: tuple[int, int], tall: int, wide: int) -> Array:
+    """Return (rows, columns) int: how many of a mask's pixels lie in the first rows and columns of each patch of a canvas."""
+    summed = np.pad(np.cumsum(np.cumsum(mask, axis=0, dtype=np.int64), axis=1), ((1, 0), (1, 0)))
+    a, c = STRIDE * np.arange(grid[0]), STRIDE * np.arange(grid[1])
+    b, d = a + tall, c + wide
+    return np.asarray(summed[np.ix_(b, d)] - summed[np.ix_(a, d)] - summed[np.ix_(b, c)] + summed[np.ix_(a, c)])
 
 
 def covered_pixels(active: Array, shape: tuple[int, int], wrap: bool) -> Array:
