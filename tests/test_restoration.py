@@ -398,9 +398,9 @@ def test_thin_damage_is_filled_as_suits_the_image():
     soft = ((soft - soft.min()) / np.ptp(soft))[:, :, None].astype(np.float32)
     lines, hole = scratched()
     missing = lines & ~ndimage.binary_dilation(hole, iterations=8)
-    for image, said, like in ((soft, "filled by a plate", "inpaint"), (texture(120, 150), "by trial", "split")):
+    for image, said, like in ((soft, "filled by a plate", "inpaint"), (texture(120, 150), "by trial", "weave")):
         off = {method: np.sqrt(((restore(image, missing, method).image - image)[missing] ** 2).mean()) for method in METHODS}
-        assert off["auto"] < 1.02 * min(off["split"], off["inpaint"])
+        assert off["auto"] < 1.02 * min(off["weave"], off["inpaint"])
         assert off["auto"] < 1.001 * off[like]
         assert said in restore(image, missing).notes[0]
     both = restore(soft, lines | hole)

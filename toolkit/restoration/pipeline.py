@@ -247,12 +247,15 @@ def restore(
     span = high_end - low_end or 1.0
     exact = np.where(known[:, :, None], values, low_end).astype(np.float64)
     scaled = ((exact - low_end) / span).astype(np.float32)
-    smooth = inpaint(scaled, hole, chart=chart, barriers=stops)
     notes: list[str] = []
-    thin = np.zeros_like(hole)
-    if method == "auto":
-        bands_wanted = kappa is not None or (levels, coherence, orientations, refine) != (3, 10.0, 1, 1)
-        method = "split" if bands_wanted else "weave"
+    bridged = method == "auto"
+    if bridged:
+        method = "weave" if kappa is None and (levels, coherence, orientations, refine) == (3, 10.0, 1, 1) else "split"
+    thin = thin_part(hole) if bridged else np.zeros_like(hole)
+    # What is filled by pieces needs nothing smooth, and gives nothing to thin damage.
+    first, within = (thin, np.where(hole & ~thin, 0, chart)) if method == "weave" else (hole, chart)
+    smooth = inpaint(scaled, first, chart=within, barriers=stops) if first.any() else scaled
+    if thin.any():
 
         def copied(part: Array, gone: Array, charts: Array) -> Array:
             return restore(
@@ -270,13 +273,14 @@ def restore(
                 device=chosen,
             ).image
 
-        smooth, thin = _fill_thin(smooth, hole, chart, stops, copied, notes)
+        smooth, thin = _fill_thin(smooth, hole, thin, within, stops, copied, notes)
         method = "inpaint" if (thin == hole).all() else method
-    least = SIDE if method == "weave" else 5
-    starts = find_whole_neighborhoods(known, chart) if method != "weave" else whole_patches(known, chart)
-    if method != "inpaint" and not starts.any():
-        notes.append(f"no {least} x {least} neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
-        method = "inpaint"
+    if method != "inpaint":
+        side, starts = (SIDE, whole_patches(known, chart)) if method == "weave" else (5, find_whole_neighborhoods(known, chart))
+        if not starts.any():
+            notes.append(f"no {side} x {side} neighbourhood is known, so there is nothing to synthesise from: inpainted instead")
+            method = "inpaint"
+            smooth = inpaint(smooth, hole & ~thin, chart=chart, barriers=stops)
     result, low, source, bands = smooth, smooth, here, MOST_SUBBANDS
     if method == "weave":
         open_ = hole & ~thin
@@ -331,16 +335,13 @@ def restore(
 
 
 def _fill_thin(
-    smooth: Array, hole: Array, chart: Array, stops: Array | None, copied: Filler, notes: list[str]
+    smooth: Array, hole: Array, thin: Array, chart: Array, stops: Array | None, copied: Filler, notes: list[str]
 ) -> tuple[Array, Array]:
     """Return the image with its thin damage filled, and which pixels that are: none where copies are nearer, by trial."""
-    thin = thin_part(hole)
 
     def plated(part: Array, gone: Array, charts: Array) -> Array:
         return fill_with_plate(inpaint(part, gone, chart=charts), gone, chart=charts)
 
-    if not thin.any():
-        return smooth, thin
     if not first_is_better(smooth, hole, thin, chart, plated, copied):
         notes.append("thin damage is copied as the rest is: that was nearer to what is known, by trial")
         return smooth, np.zeros_like(thin)

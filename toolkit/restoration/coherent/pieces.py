@@ -19,8 +19,8 @@ from intaglio.synthesis import covered_pixels, halve_planes, mean_step, refine_s
 # is not matched to smooth places alone (Newson et al. 2014, section 3.2); they weigh so much of what the values do.
 _SPREAD, _TEXTURE = 4.0, 0.5
 
-# How often patches are matched and vote: on the coarsest level at first, and in each later round; rounds of all but the finest.
-_FIRST, _PASSES, _ROUNDS = 10, 4, 2
+# How often patches are matched and vote: on every level but the finest, on the finest, and how much more often at first.
+_PASSES, _LAST, _FIRST = 8, 2, 6
 
 # Sweeps of a pass: how far off the neighbours are that a patch asks; places that it tries by chance, thrice at first.
 _JUMPS, _CHANCES = (4, 2, 1), 6
@@ -306,8 +306,7 @@ def _improve(
         len(level.planes),
     )
     weights = np.asarray(_GAMMA ** -task.inside.ravel())
-    rounds = _ROUNDS if number else 1
-    for turn in range(rounds * _PASSES + (_FIRST - _PASSES if first else 0)):
+    for turn in range((_PASSES if number else _LAST) + (_FIRST if first else 0)):
         for jump in _JUMPS if turn == 0 else _JUMPS[1:]:
             key = int(uniform(seed, Stream.RESTORATION_SWEEP, number, turn, jump) * 2**31)
             chances = _CHANCES * (3 if first else 1)
