@@ -340,7 +340,7 @@ class Table:
         it, r = (lambda name: getattr(self.it, name)), (lambda name: getattr(self.render, name))
         cpu = {"device": "cpu"}
         quiet = {"progress": lambda *_: None}
-        restoring = {"kappa": 4, "levels": 1, "coherence": 10.0, "orientations": 1, "refine": 0, "seams": True}
+        restoring = {"kappa": 4, "levels": 1, "coherence": 10.0, "orientations": 1, "refine": 0, "seed": 0, "seams": True}
         fitting = {
             "robust": False, "order": 2, "interpolation": "auto", "components": None, "smoothing": None,
             "integration": "fourier", "differentiation": "fourier",
