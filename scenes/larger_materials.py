@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from intaglio.files import listing, picture_row, read_image, write_image, write_page
-from intaglio.kernels.transfer import encode_srgb
+from intaglio.kernels.transfer import decode_srgb, encode_srgb
 from intaglio.photometric import LambertBasis, Relightable
 from intaglio.progress import ProgressBar
 from intaglio.scenes.common import data_folder, main, real_data, side_by_side
-from intaglio.synthesis import THESIS_LIGHTS, Synthesis, SynthesisReport, assess_synthesis, quilt
+from intaglio.synthesis import THESIS_LIGHTS, Synthesis, SynthesisReport, assess_synthesis, weave
 
 Array = np.ndarray
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace, *, size: int = RESULT, names: tuple[str, ...] 
                 continue
             maps = read_material(folder, MATERIALS[name][1])
             match = [encode_srgb(maps[0]), *maps[1:]]
-            result = quilt(maps, size, match=match, refine=2, tileable=True, seed=args.seed, device=args.device)
+            result = weave(match, size, tileable=True, seed=args.seed, device=args.device)
             figures[name] = assess_synthesis(match, result)
             print(f"{name}: {sum(m.shape[2] for m in maps)} maps at once, {', '.join(result.notes)}")
             print("\n".join(f"  {line}" for line in figures[name].lines()))
@@ -77,9 +77,9 @@ def run(args: argparse.Namespace, *, size: int = RESULT, names: tuple[str, ...] 
 
 
 def _split(result: Synthesis, maps: list[Array]) -> list[Array]:
-    """Return the result's maps one by one."""
-    ends = np.cumsum([m.shape[2] for m in maps])
-    return np.split(result.maps, ends[:-1], axis=2)
+    """Return the result's maps one by one, colours linear."""
+    albedo, *rest = np.split(result.maps, np.cumsum([m.shape[2] for m in maps])[:-1], axis=2)
+    return [decode_srgb(albedo), *rest]
 
 
 def _rows(name: str, maps: list[Array], result: Synthesis) -> list[str]:

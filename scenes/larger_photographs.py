@@ -1,4 +1,4 @@
-"""Larger textures of photographs: by blocks, by pixels, and refined; with the limits of the method."""
+"""Larger textures of photographs: by blocks, by pixels, and by coherent pieces; with the limits of the method."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from intaglio.files import listing, picture_row, read_image, table, write_image,
 from intaglio.kernels.transfer import encode_srgb
 from intaglio.progress import ProgressBar
 from intaglio.scenes.common import data_folder, main, side_by_side
-from intaglio.synthesis import SynthesisReport, assess_synthesis, grow, quilt
+from intaglio.synthesis import SynthesisReport, assess_synthesis, grow, quilt, weave
 
 Array = np.ndarray
 
@@ -58,9 +58,9 @@ def run(
             middle = time.perf_counter()
             pixels = grow(sample, size, **settings)
             end = time.perf_counter()
-            refined = quilt(sample, size, refine=2, **settings)
+            woven = weave(sample, size, **settings)
             seconds = (middle - start, end - middle, time.perf_counter() - end)
-            reports = [assess_synthesis(sample, r) for r in (blocks, pixels, refined)]
+            reports = [assess_synthesis(sample, r) for r in (blocks, pixels, woven)]
             figures[name] = reports
             cells = [
                 f"{r.seam:.2f} / {r.likeness.coherence:.3f} / {r.likeness.spectrum:.1f} dB / {s:.1f} s"
@@ -68,7 +68,7 @@ def run(
             ]
             rows.append([name, *cells, blocks.notes[0]])
             print("  " + " | ".join(rows[-1]))
-            pictures = {"sample": sample, "by blocks": blocks.maps, "by pixels": pixels.maps, "refined": refined.maps}
+            pictures = {"sample": sample, "by blocks": blocks.maps, "by pixels": pixels.maps, "by coherent pieces": woven.maps}
             body.append(picture_row(name, pictures))
             sheets.append(side_by_side(list(pictures.values())))
             bar.update(number + 1, len(chosen))
@@ -78,7 +78,7 @@ def run(
         "seams: jumps across seams over jumps inside, 1: none",
         "coherence: distance to the sample's windows, 0: all are copies",
     ]
-    head = ["sample", "by blocks", "by pixels", "refined", "block"]
+    head = ["sample", "by blocks", "by pixels", "by coherent pieces", "block"]
     write_page(page, "Larger textures of photographs", [table(heading, head, rows), listing("How", how), *body])
     write_image(np.concatenate(sheets, axis=0), sheet)
     print(f"wrote {page} and {sheet}")

@@ -22,7 +22,7 @@ SOURCES = {
     "plaster": "textures/photex/aar.png",
 }
 SIZE = (450, 600)
-OURS = ("synthesize", "inpaint", "split")
+OURS = ("auto", "synthesize", "inpaint", "split")
 
 
 def damage(shape: tuple[int, int] = SIZE, seed: int = 1) -> Array:

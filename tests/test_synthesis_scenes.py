@@ -19,9 +19,9 @@ def args(tmp_path):
 def test_photographs(args):
     figures = larger_photographs.run(args, size=160, names=("brick", "gravel"))
     assert set(figures) == {"brick", "gravel"}
-    for blocks, pixels, refined in figures.values():
-        assert refined.seam < 1.1
-        assert refined.seam < blocks.seam
+    for blocks, pixels, woven in figures.values():
+        assert woven.seam < 1.1
+        assert woven.seam < blocks.seam
         assert pixels.likeness.coherence < 0.5
     assert read_image(args.output / "larger_photographs.png").shape[0] == 2 * 164
 
@@ -31,6 +31,7 @@ def test_materials(args, real):
     real("materials/godot_wool")
     report = larger_materials.run(args, size=192, names=("wool",))["wool"]
     assert report.wrap < 1.15
+    assert report.seam < 1.05
     assert report.likeness.coherence < 0.2
     assert (args.output / "larger_materials.html").exists()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -74,7 +75,12 @@ def assess_synthesis(sample: Path, result: Path, source: Path | None, tileable: 
         raise InputError(
             f"{result}: has {made.shape[1]} x {made.shape[0]} pixels, {where} is for {place.shape[1]} x {place.shape[0]}"
         )
-    _say(intaglio.assess_synthesis(_read_stored(sample), intaglio.Synthesis(made, place, tileable=tileable)).lines())
+    given = _read_stored(sample)
+    found = intaglio.Synthesis(made, place, tileable=tileable)
+    copied = found.copy_of(given).reshape(found.maps.shape[:2] + (-1,))
+    if copied.shape == found.maps.shape:
+        found = replace(found, moved=(found.maps.astype(np.float64) - copied).astype(np.float32))
+    _say(intaglio.assess_synthesis(given, found).lines())
 
 
 @assess.command("restoration", epilog="Example: intaglio assess restoration restored.png scratches.png --truth whole.png")
