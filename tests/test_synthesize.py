@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from stacks import HELD_OUT, lambertian, scattered
@@ -18,9 +20,11 @@ from intaglio import (
     light_direction,
     quilt,
     represent,
+    surface_maps,
     synthesize,
     synthesize_each_light,
 )
+from intaglio.synthesis.sample import prepare_sample
 
 KINDS = ("3i", "gradient", "ptm", "eigen3", "eigen6", "hsh", "rbf")
 
@@ -66,7 +70,7 @@ def test_a_height_map_is_synthesised_and_lit_by_its_own_slopes(stack):
     assert result.texture.kind == "height"
     np.testing.assert_array_equal(result.texture.height, result.maps[..., 0])
     z = result.texture.height
-    p, q = np.roll(z, -1, 1) - z, np.roll(z, 1, 0) - z
+    p, q = (np.roll(z, -1, 1) - np.roll(z, 1, 1)) / 2, (np.roll(z, 1, 0) - np.roll(z, -1, 0)) / 2
     normal = result.texture.maps[..., 0] / np.linalg.norm(result.texture.maps[..., 0], axis=0)
     slope = -normal[:2] / normal[2]
     # What is left is the sample's mean slope.
@@ -79,6 +83,47 @@ def test_a_height_map_is_synthesised_and_lit_by_its_own_slopes(stack):
     y, x = whole.source[0, 0]
     expected = sample.relight(light)[y : y + 40, x : x + 40]
     np.testing.assert_allclose(whole.texture.relight(light)[:40, :40][inside], expected[inside], atol=0.05)
+
+
+def test_heights_are_joined_and_their_central_slopes_light_as_the_sample_does(stack):
+    sample = represent(stack, "height")
+    made = synthesize(sample, 80, seed=1)
+    laid = made.copy_of(sample.height)
+    assert made.moved.shape == made.maps.shape == (80, 80, 1 + sample.maps.shape[3])
+    np.testing.assert_allclose(made.maps[..., 0] - made.moved[..., 0] - laid, _plane(made, sample), atol=1e-3)
+    # Pieces of a slope would leave cliffs.
+    steps = [
+        max(np.abs(np.diff(z, axis=a)).max() for a in (0, 1)) for z in (made.maps[..., 0], made.maps[..., 0] - made.moved[..., 0])
+    ]
+    assert steps[0] < 0.6 * steps[1]
+
+
+def _plane(made, sample):
+    """Return what is left of a plane: the sample's plane of best fit where each pixel comes from, with a minus."""
+    y, x = np.mgrid[: sample.height.shape[0], : sample.height.shape[1]]
+    columns = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    fitted = np.linalg.lstsq(columns, sample.height.ravel().astype(float), rcond=None)[0]
+    return -made.copy_of((columns @ fitted).reshape(sample.height.shape))
+
+
+def test_the_gradient_approach_compares_slopes_and_albedo(stack):
+    """The thesis, section 6.2.2: p, q and albedo at equal range, not normals scaled by the albedo."""
+    sample = represent(stack, "gradient")
+    maps = surface_maps(sample)
+    planes = [maps.p, maps.q, maps.albedo]
+    by_kind = synthesize(sample, 72, QuiltOptions(block=16), seed=3)
+    by_hand = synthesize(sample, 72, QuiltOptions(block=16), match=planes, seed=3)
+    np.testing.assert_array_equal(by_kind.source, by_hand.source)
+    scaled = synthesize(sample, 72, QuiltOptions(block=16), match=np.moveaxis(sample.maps[..., 0], 0, 2), seed=3)
+    assert (scaled.source != by_kind.source).any()
+
+
+def test_a_few_steep_pixels_do_not_shrink_the_range_of_all_slopes(stack):
+    sample = represent(stack, "gradient")
+    spoiled = sample.maps.copy()
+    spoiled[0, 20, 20], spoiled[2, 20, 20] = 1.0, 0.01
+    features = [prepare_sample(replace(sample, maps=m)).features for m in (sample.maps, spoiled)]
+    assert features[1][0].std() > 0.3 * features[0][0].std()
 
 
 def test_the_other_order_gives_an_image_for_each_light(stack):

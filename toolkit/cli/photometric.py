@@ -115,7 +115,11 @@ def spare_inputs(inputs: list[Path], output: Path, maps: Path | None) -> None:
     click.option("--smoothing", type=float, default=None, help="rbf: 0 passes through all images; default by cross-validation."),
     click.option("--integration", type=click.Choice(["fourier", "cosine"]), default="fourier", show_default=True, help="height."),
     click.option(
-        "--differentiation", type=click.Choice(["fourier", "forward"]), default="fourier", show_default=True, help="height."
+        "--differentiation",
+        type=click.Choice(["fourier", "central", "forward"]),
+        default="fourier",
+        show_default=True,
+        help="height.",
     ),
 )
 @click.option("--maps", type=FilePath(), default=None, help="Folder for normal, albedo and height images.")

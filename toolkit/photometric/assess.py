@@ -111,7 +111,7 @@ def assess_representation(
         For "rbf": at least 0. Default None: by cross-validation.
     integration : {"fourier", "cosine"}, optional
         For "height". Default "fourier", as in the thesis.
-    differentiation : {"fourier", "forward"}, optional
+    differentiation : {"fourier", "central", "forward"}, optional
         For "height". Default "fourier", as in the thesis.
     device : str, optional
         Where fits run, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.

@@ -122,11 +122,13 @@ def gradients_from_height(z: Array, *, method: str = "fourier", slope: tuple[flo
     ----------
     z : (H, W) array
         Heights in pixels, finite.
-    method : {"fourier", "forward"}, optional
+    method : {"fourier", "central", "forward"}, optional
         ``"fourier"``: P = j u S, Q = j v S (eqs. 4.5.2 and 4.5.3) after a plane is taken out, which does not repeat. It is
         the default since relighting by these gradients has the smaller error (the thesis, figure 4.5.11).
-        ``"forward"``: p = s(x+1, y) − s(x, y), q = s(x, y+1) − s(x, y) (eqs. 4.5.6 and 4.5.7); the last column and the top
-        row repeat their neighbours.
+        ``"central"``: p = (s(x+1, y) − s(x−1, y)) / 2, q = (s(x, y+1) − s(x, y−1)) / 2, one-sided at the edges; local, and
+        where the pixel is.
+        ``"forward"``: p = s(x+1, y) − s(x, y), q = s(x, y+1) − s(x, y) (eqs. 4.5.6 and 4.5.7), which lie half a pixel off; the
+        last column and the top row repeat their neighbours.
     slope : (float, float), optional
         Slopes p, q of the plane that ``"fourier"`` takes out; (0, 0) for a map that repeats. Default None: the plane of
         best fit.
@@ -171,8 +173,12 @@ def gradients_from_height(z: Array, *, method: str = "fourier", slope: tuple[flo
         q = -np.diff(z, axis=0, prepend=z[:1])
         p[:, -1:], q[:1] = p[:, -2:-1] if z.shape[1] > 1 else 0, q[1:2] if z.shape[0] > 1 else 0
         return p, q
+    if method == "central":
+        p = np.gradient(z, axis=1) if z.shape[1] > 1 else np.zeros_like(z)
+        q = -np.gradient(z, axis=0) if z.shape[0] > 1 else np.zeros_like(z)
+        return p, q
     if method != "fourier":
-        raise InputError(f"method of differentiation {shown(method)} is not known; known: fourier, forward")
+        raise InputError(f"method of differentiation {shown(method)} is not known; known: fourier, central, forward")
     x, y = _coordinates(z.shape)
     if slope is None:
         slope = (x * z).sum() / max((x * x).sum(), 1e-300), (y * z).sum() / max((y * y).sum(), 1e-300)

@@ -87,7 +87,7 @@ def represent(
         For "rbf": at least 0, which passes through all photographs. Default None: chosen by cross-validation.
     integration : {"fourier", "cosine"}, optional
         For "height": see ``method`` of `height_from_gradients`. Default "fourier", as in the thesis.
-    differentiation : {"fourier", "forward"}, optional
+    differentiation : {"fourier", "central", "forward"}, optional
         For "height": see ``method`` of `gradients_from_height`. Default "fourier", as in the thesis.
     device : str, optional
         Where fits run, such as "cpu" or "cuda:0". Default None: CUDA if there is a GPU, else the CPU.

@@ -16,7 +16,7 @@ from intaglio.randomness import Stream, uniform
 from intaglio.statistics import earth_movers_distance
 from intaglio.synthesis.nearest import NearestWindows, rms_difference
 from intaglio.synthesis.result import Synthesis, pixel_positions
-from intaglio.synthesis.sample import SampleMaps, prepare_sample, stack_maps, window_starts
+from intaglio.synthesis.sample import SampleMaps, compared_planes, prepare_sample, stack_maps, window_starts
 
 # The most windows whose nearest ones are searched for, and the most values of those they are searched among.
 _QUERIES = 2000
@@ -198,7 +198,7 @@ def assess_synthesis(
     if not prepared.usable[source[..., 0], source[..., 1]].all():
         raise InputError("the result copies pixels that the mask leaves out; give the mask it was made with")
     features = np.moveaxis(prepared.features, 0, 2)
-    laid = features[source[..., 0], source[..., 1]] + _moved_features(result, prepared)
+    laid = features[source[..., 0], source[..., 1]] + _moved_features(sample, prepared, result)
     seam, wrap, share = _measure_seams(laid, source, result.tileable)
     label = _label_pieces(source)
     size = np.bincount(label.ravel())
@@ -227,18 +227,27 @@ def assess_synthesis(
     )
 
 
-def _moved_features(result: Synthesis, sample: SampleMaps) -> Array:
-    """Return (H, W, n) or 0: by how much joining pieces moved the sample's features; 0 where it was other maps that it moved."""
-    count = len(sample.features)
-    if result.moved is None or result.maps.shape[2] != sample.maps.shape[2]:
-        return np.zeros(1, np.float32)
-    copied = sample.maps[result.source[..., 0], result.source[..., 1]].astype(np.float64)
-    if not np.allclose(result.maps, copied + result.moved, rtol=1e-4, atol=1e-4 * float(np.abs(copied).max() or 1)):
-        return np.zeros(1, np.float32)
-    usable = sample.maps[sample.usable][:, :count].astype(np.float64)
+def _moved_features(given: Any, sample: SampleMaps, result: Synthesis) -> Array:
+    """Return (H, W, n) or 0: by how much joining pieces moved the sample's features; 0 where other maps than these were moved."""
+    still = np.zeros(1, np.float32)
+    if result.moved is None:
+        return still
+    if isinstance(given, Relightable):
+        if result.texture is None or result.texture.kind != given.kind or given.kind == "height":
+            return still
+        before, now = compared_planes(given), compared_planes(result.texture)
+    else:
+        before, now = sample.maps, result.maps
+        if now.shape[2] != before.shape[2]:
+            return still
+        copied = before[result.source[..., 0], result.source[..., 1]].astype(np.float64)
+        if not np.allclose(now, copied + result.moved, rtol=1e-4, atol=1e-4 * float(np.abs(copied).max() or 1)):
+            return still
+    usable = before[sample.usable].astype(np.float64)
     spans = np.ptp(usable, axis=0)
     scales = np.ptp(sample.features[:, sample.usable], axis=1) / np.where(spans > 0, spans, 1)
-    return np.asarray(result.moved[..., :count] * scales, np.float32)
+    copied = before[result.source[..., 0], result.source[..., 1]].astype(np.float64)
+    return np.asarray((now - copied) * scales, np.float32)
 
 
 def _breaks(source: Array, axis: int) -> Array:

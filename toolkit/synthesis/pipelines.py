@@ -120,7 +120,7 @@ def synthesize(
     if not isinstance(source, Relightable | Material):
         source = stack_maps(source, "source")
     if isinstance(source, Relightable) and source.kind == "height":
-        return _synthesize_height(source, make, mask)
+        return _synthesize_height(source, make, mask, match)
     return make(source, mask=mask)
 
 
@@ -229,7 +229,7 @@ def _choose_method(
     raise InputError(f"options must be WeaveOptions, QuiltOptions or GrowOptions, not {options!r}")
 
 
-def _synthesize_height(texture: Relightable, make: Callable[..., Synthesis], mask: Array | None) -> Synthesis:
+def _synthesize_height(texture: Relightable, make: Callable[..., Synthesis], mask: Array | None, match: Any) -> Synthesis:
     """Synthesise height and albedo; the normals of the result are those of its heights."""
     maps = surface_maps(texture)
     height = texture.height if texture.height is not None else integrable(texture).height
@@ -237,18 +237,28 @@ def _synthesize_height(texture: Relightable, make: Callable[..., Synthesis], mas
     # Pieces of a slope would not fit together; the sample's mean slope is added to the normals of the result instead.
     slope, level = _fit_plane(height.astype(np.float64), maps.valid)
     usable = maps.valid if mask is None else maps.valid & checked_mask("mask", mask, maps.valid.shape)
-    found = make([(height - level).astype(np.float32), maps.albedo], mask=usable)
-    heights = found.maps[..., 0]
-    p, q = gradients_from_height(heights, method="forward")
+    flat = (height - level).astype(np.float32)
+    sample = replace(texture, height=flat, chroma=None, confidence=None)
+    found = make(sample, mask=usable, match=[flat, maps.albedo] if match is None else match)
+    assert found.texture is not None
+    assert found.texture.height is not None
+    heights = found.texture.height
+    copied = np.concatenate([found.copy_of(flat)[..., None], found.copy_of(maps.albedo)], axis=2)
+    # Copies keep the sample's albedo to the bit; joined, it is that of the joined scaled normals.
+    albedo = copied[..., 1:] if found.moved is None else surface_maps(replace(found.texture, mask=None)).albedo
+    # Central differences: forward ones lie half a pixel off, Fourier's ring beyond a step.
+    around = np.pad(heights, 1, mode="wrap") if found.tileable else heights
+    p, q = gradients_from_height(around, method="central")
     if found.tileable:
-        p = np.roll(heights, -1, axis=1) - heights
-        q = np.roll(heights, 1, axis=0) - heights
+        p, q = p[1:-1, 1:-1], q[1:-1, 1:-1]
     p, q = p + slope[0], q + slope[1]
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(p * p + q * q + 1)
-    scaled = (normal[..., None] * found.maps[None, ..., 1:]).astype(np.float32)
-    made = replace(texture, maps=scaled, chroma=None, mask=None, height=heights.astype(np.float32), confidence=None)
+    scaled = (normal[..., None] * albedo[None]).astype(np.float32)
+    made = replace(texture, maps=scaled, chroma=None, mask=None, height=heights, confidence=None)
     made = replace(made, notes=(*texture.notes, "synthesised from a sample"))
-    return replace(found, texture=made)
+    laid = np.concatenate([heights[..., None], albedo], axis=2).astype(np.float32)
+    moved = None if found.moved is None else (laid.astype(np.float64) - copied).astype(np.float32)
+    return replace(found, maps=laid, moved=moved, texture=made)
 
 
 def _fit_plane(height: Array, valid: Array) -> tuple[tuple[float, float], Array]:

@@ -11,10 +11,13 @@ import numpy as np
 from intaglio.arrays import Array
 from intaglio.checks import check_fields, checked_choice, checked_mask, checked_numeric, real_array
 from intaglio.errors import InputError
-from intaglio.photometric import Relightable
+from intaglio.photometric import Relightable, surface_maps
 from intaglio.synthesis.material import Material
 
 METRICS = ("absolute", "squared")
+
+# Slopes are compared as far as so many times the range of all but the last two thousandths lies beyond it.
+_FAR = 1.0
 
 
 @dataclass(frozen=True)
@@ -110,8 +113,24 @@ def texture_planes(texture: Relightable) -> Array:
 
 
 def compared_planes(texture: Relightable) -> Array:
-    """Return what is compared of a relightable texture: maps and chromaticity; heights and confidence follow from these."""
-    return texture_planes(replace(texture, height=None, confidence=None))
+    """Return what is compared of a relightable texture, (H, W, n); heights and confidence follow from it.
+
+    Of kind ``"gradient"`` slopes and albedo (the thesis, section 6.2.2 and table 6.2.1), of others their maps; and chromaticity.
+    """
+    if texture.kind != "gradient":
+        return texture_planes(replace(texture, height=None, confidence=None))
+    maps = surface_maps(texture)
+    usable = np.ones(maps.valid.shape, bool) if texture.mask is None else texture.mask
+    slopes = [_without_outliers(plane, usable) for plane in (maps.p, maps.q)]
+    planes = [*slopes, maps.albedo, *([] if texture.chroma is None else [texture.chroma])]
+    return np.concatenate([p.reshape(*maps.valid.shape, -1).astype(np.float32) for p in planes], axis=2)
+
+
+def _without_outliers(slope: Array, usable: Array) -> Array:
+    """Return slopes without the few that lie so far out that the range of all others would shrink to nothing."""
+    low, high = np.percentile(slope[usable], [0.1, 99.9]) if usable.any() else (0.0, 0.0)
+    reach = _FAR * (high - low)
+    return np.clip(slope, low - reach, high + reach) if reach > 0 else slope
 
 
 def stack_maps(maps: Any, name: str = "maps") -> Array:
