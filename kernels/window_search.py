@@ -45,7 +45,8 @@ class SampleWindows:
     numbers: wp.array[wp.float32]
     # The same memory, as vectors of 16 neighbourhoods.
     lanes: wp.array[vec16]
-    # The pixel that each neighbourhood belongs to, and the neighbourhood of each pixel, -1 where it has none.
+    # The pixel that each neighbourhood belongs to, and the neighbourhood of each pixel, -1 where it has none, -2 where the pixel
+    # may not be copied.
     place: wp.array[wp.int32]
     slot: wp.array[wp.int32]
     groups: int
@@ -166,7 +167,7 @@ def propose_kernel(
     """Write bound = min Σ difference(sample, value) over the pixels that continue what was copied around the target.
 
     These are the candidates of Ashikhmin (2001). A target that need not be searched takes the pixel next to its left
-    neighbour's source, if there is one (Dong, section 5.3.1); its list is emptied then, with a count of -1.
+    neighbour's source, if the sample has one (Dong, section 5.3.1); its list is emptied then, with a count of -1.
     """
     t = start + wp.tid()
     at = target[first + t]
@@ -183,7 +184,7 @@ def propose_kernel(
     if exhaustive[first + t] == wp.uint8(0) and at[1] > 0:
         source = canvas[at[0], at[1] - 1]
         if source >= 0 and source % sample.width + 1 < sample.width:
-            if sample.slot[source + 1] >= 0:
+            if sample.slot[source + 1] > -2:
                 chosen = source + 1
     if chosen >= 0:
         count[t] = -1

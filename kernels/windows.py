@@ -55,6 +55,8 @@ class WindowSearch:
         searched in groups, so similar ones should be together.
     rows : (M, K) float32 array
         Their `neighborhoods`.
+    usable : (H, W) bool array
+        All of the sample's pixels that may be copied: where a pixel is not searched for, also those without a whole window.
     window : int
         Odd.
     squared, wrap : bool
@@ -68,6 +70,7 @@ class WindowSearch:
         coarse: Level | None,
         candidates: np.ndarray,
         rows: np.ndarray,
+        usable: np.ndarray,
         *,
         window: int,
         squared: bool,
@@ -78,7 +81,7 @@ class WindowSearch:
         self._squared = int(squared)
         self._window = Window()
         self._window.side, self._window.wrap = window, int(wrap)
-        maps, height, width = level.planes.shape
+        maps, _, width = level.planes.shape
         self._count = len(candidates)
         flat = candidates[:, 0] * width + candidates[:, 1]
         signs = _signs(level.planes)
@@ -95,7 +98,7 @@ class WindowSearch:
         sample.numbers = upload(blocked.ravel(), wp.float32, device)
         sample.lanes = wp.array(ptr=sample.numbers.ptr, dtype=vec16, shape=(blocked.size // LANES,), device=device)
         sample.place = upload(np.concatenate([flat, np.zeros(padded)]), wp.int32, device)
-        slot = np.full(height * width, -1, np.int32)
+        slot = np.where(usable, -1, -2).astype(np.int32).ravel()
         slot[flat] = np.arange(len(flat))
         sample.slot = upload(slot, wp.int32, device)
         self._chunk = int(TOGETHER) * max(1, _CHUNK_BYTES // (int(TOGETHER) * 4 * LANES * sample.elements))

@@ -43,7 +43,7 @@ def cropped(texture: Relightable, rows: slice, columns: slice) -> Relightable:
 
 def stacks(args: argparse.Namespace, size: int) -> dict[str, tuple[PhotometricStack, tuple[slice, slice]]]:
     """Return a rendered stack of a rough surface with shadows, and the real ones that are there, with a patch of each."""
-    surface = thesis_surfaces(size, args.seed)[1]
+    surface = thesis_surfaces(size, args.seed)[2]
     found = {surface.title: (surface.stack(samples=32, seed=args.seed), (slice(None), slice(None)))}
     for name, (file, (top, left), side) in STACKS.items():
         if (data_folder() / file).exists():

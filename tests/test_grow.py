@@ -21,8 +21,8 @@ def searches(monkeypatch):
     kept = []
 
     class Kept(module.WindowSearch):
-        def __init__(self, level, coarse, candidates, rows, **options):
-            super().__init__(level, coarse, candidates, rows, **options)
+        def __init__(self, level, coarse, candidates, rows, usable, **options):
+            super().__init__(level, coarse, candidates, rows, usable, **options)
             self.given = (level, coarse, candidates)
             kept.append(self)
 
@@ -107,13 +107,24 @@ def test_pixels_not_searched_continue_their_left_neighbour(searches):
     result = grow(sample, 80, exhaustive=0.4, seed=1)
     last = searches[-1]
     assert last.exhaustive.mean() == pytest.approx(0.4, abs=0.03)
-    candidates = {tuple(c) for c in last.given[2]}
     searched = np.zeros((80, 80), bool)
     searched[tuple(last.targets.T)] = last.exhaustive
-    for y, x in np.argwhere(~searched[:, 1:])[::17] + (0, 1):
-        left = tuple(result.source[y, x - 1] + (0, 1))
-        if left in candidates:
-            assert tuple(result.source[y, x]) == left
+    windowless = 0
+    for y, x in np.argwhere(~searched[:, 1:]) + np.array([0, 1]):
+        # Wherever the sample goes on (the thesis, figure 5.3.3), also where its window no longer fits into it.
+        row, column = result.source[y, x - 1] + (0, 1)
+        if column < 64:
+            assert tuple(result.source[y, x]) == (row, column)
+            windowless += column >= 62
+    assert windowless > 5
+
+
+def test_masked_pixels_are_no_continuation():
+    sample = data.gravel()[:64, :64] / 255.0
+    mask = np.ones(sample.shape, bool)
+    mask[:, 30:33] = False
+    result = grow(sample, 80, exhaustive=0.2, mask=mask, seed=1)
+    assert mask[tuple(np.moveaxis(result.source, 2, 0))].all()
 
 
 def test_every_pixel_holds_what_its_source_holds():

@@ -73,7 +73,7 @@ def grow(
         and one window of usable pixels, at most 4.
     exhaustive : float, optional
         Share of the pixels that are searched for in any case, 0 to 1; for the others the pixel next to the source of their
-        left neighbour is taken if there is one (section 5.3.1: 0.4 to 0.7 is good enough). Not with ``missing``. Default 1:
+        left neighbour is taken if the sample has one (section 5.3.1: 0.4 to 0.7 is good enough). Not with ``missing``. Default 1:
         all are searched for, for the best result.
     tileable : bool, optional
         Neighbourhoods wrap around, so that the result matches across its border within the reach of a window; `quilt`
@@ -158,7 +158,15 @@ def grow(
             )
         candidates, rows = _group_similar(level, coarse, candidates, side, notes)
         search = WindowSearch(
-            level, coarse, candidates, rows, window=side, squared=compared.metric == "squared", wrap=tileable, device=chosen
+            level,
+            coarse,
+            candidates,
+            rows,
+            usable,
+            window=side,
+            squared=compared.metric == "squared",
+            wrap=tileable,
+            device=chosen,
         )
         targets, waves = _raster_waves(level.canvas.shape, side) if hole is None else _shrinking_waves(wanted[number], side)
         keys = (number, targets[:, 0], targets[:, 1])
