@@ -483,6 +483,9 @@ class Table:
             "quilt": lambda: (it("quilt"), {
                 "maps": self.sample, "size": 30, "block": 8, "overlap": 2, "tolerance": 0.1, "cut": "path",
                 "continuation": "shortcut", "refine": 0, **synthesis}),
+            "even_light": lambda: (it("even_light"), {
+                "image": np.abs(self.ramp), "radius": 4.0, "mask": np.ones((24, 24), bool)}),
+            "EvenLight": lambda: (it("EvenLight"), fields(self.it.even_light(np.abs(self.ramp)))),
             "weave": lambda: (it("weave"), {
                 "maps": self.sample, "size": 30, "block": 8, "passes": 1, "exact": False, **synthesis}),
             "grow": lambda: (it("grow"), {

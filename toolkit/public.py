@@ -82,6 +82,7 @@ from intaglio.relief import (
 )
 from intaglio.restoration import Restoration, RestorationReport, assess_restoration, restore
 from intaglio.synthesis import (
+    EvenLight,
     Friedman,
     GrowOptions,
     Match,
@@ -92,6 +93,7 @@ from intaglio.synthesis import (
     SynthesisReport,
     WeaveOptions,
     assess_synthesis,
+    even_light,
     friedman,
     grow,
     multiple_comparison,
@@ -108,6 +110,7 @@ __all__ = [
     "Binding",
     "Camera",
     "Cylinder",
+    "EvenLight",
     "FileError",
     "FitError",
     "Friedman",
@@ -159,6 +162,7 @@ __all__ = [
     "combine_photographs",
     "compare_with_photograph",
     "complete_relief",
+    "even_light",
     "extend_geometry",
     "fit_base",
     "fit_circle",

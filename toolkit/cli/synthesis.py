@@ -6,7 +6,7 @@ import os
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,7 @@ from intaglio.synthesis import (
     Synthesis,
     WeaveOptions,
     assess_synthesis,
+    even_light,
     friedman,
     holds_material,
     multiple_comparison,
@@ -114,6 +115,20 @@ def _chosen_options(method: str, **values: Any) -> WeaveOptions | QuiltOptions |
     return _METHODS[method](**{name: values[name] for name in _OWN[method]})
 
 
+class _Radius(click.ParamType):
+    """auto, none, or a number of pixels."""
+
+    name = "radius"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | float:
+        """Return the word or the number."""
+        if isinstance(value, float) or value in ("auto", "none"):
+            return value
+        if not re.fullmatch(r"[0-9]{1,6}(\.[0-9]*)?", str(value)):
+            self.fail(f"{value!r} is neither a number of pixels nor auto or none", param, ctx)
+        return float(value)
+
+
 class _Images:
     """Images of one size: values to copy, values to compare, pixels that may be used."""
 
@@ -121,6 +136,7 @@ class _Images:
         self.paths = paths
         self.channels: list[int] = []
         self.bits: list[int] = []
+        self.encoded: list[bool] = []
         values: list[Array] = []
         compared: list[Array] = []
         self.opaque: Array | None = None
@@ -148,10 +164,21 @@ class _Images:
                 image = image[:, :, :3]
             self.channels.append(image.shape[2])
             self.bits.append(16 if dtype == np.uint16 else 8)
+            self.encoded.append(dtype == np.uint8)
             values.append(image)
             compared.append(encode_srgb(image) if dtype == np.uint8 else image)
         self.values = np.concatenate(values, axis=2)
         self.compared = np.concatenate(compared, axis=2)
+
+    def flatten(self, radius: str | float) -> None:
+        """Take uneven light out of a single image; "auto" looks for it in photographs, which have 8 bits."""
+        if radius == "none" or (radius == "auto" and (len(self.paths) > 1 or not self.encoded[0])):
+            return
+        if len(self.paths) > 1:
+            raise InputError("--flatten is for one image, or the colours of a material's folder, not for several maps")
+        even = _in_even_light(self.paths[0], self.values, radius, self.opaque)
+        self.values = even
+        self.compared = encode_srgb(even) if self.encoded[0] else even
 
     def write(self, maps: Array, number: int, path: Path) -> None:
         """Write one image's part of ``maps`` with the bits it had."""
@@ -202,6 +229,13 @@ class _Images:
     click.option("--levels", type=int, default=None, help="grow: of the pyramid; default by the sample's size."),
     click.option("--exhaustive", type=float, default=1.0, show_default=True, help="grow: share of pixels that are searched for."),
 )
+@click.option(
+    "--flatten",
+    type=_Radius(),
+    default="auto",
+    show_default=True,
+    help="Uneven light over a photograph is taken out: auto where it stands out, none, or all broader than RADIUS pixels.",
+)
 @click.option("--metric", type=click.Choice(METRICS), default="absolute", show_default=True, help="Of differences.")
 @click.option("--tileable", is_flag=True, help="The result wraps around without a seam.")
 @click.option("--maps", type=FilePath(), default=None, help="Folder for normal, albedo and height maps (PBR).")
@@ -215,6 +249,7 @@ def synthesize(
     size: str,
     representation: _Representation,
     options: WeaveOptions | QuiltOptions | GrowOptions,
+    flatten: str | float,
     metric: str,
     tileable: bool,
     maps: Path | None,
@@ -262,6 +297,8 @@ def synthesize(
 
     if not several and (os.path.isdir(first) or first.suffix.lower() in STACK_SUFFIXES or is_texture(first)):
         known_suffix(output, TEXTURE_SUFFIXES, "texture")
+        if was_given("flatten"):
+            raise InputError("--flatten is for images; the lights of these photographs are known")
         _check_outputs([output, *others], inputs)
         if maps is not None:
             check_folder(maps)
@@ -281,11 +318,12 @@ def synthesize(
         _for_photographs(_OF_PHOTOGRAPHS)
         images: _Images | Material
         if packed:
-            images = _read_material(first, output)
+            images = _flatten_material(_read_material(first, output), flatten)
             _check_outputs([output / name for name in images.files.values()] + others, inputs)
         else:
             _check_outputs(_image_outputs(samples, output, source) + others, inputs)
             images = _Images(samples)
+            images.flatten(flatten)
         given, compared = images.values, images.compared
         usable = _usable_pixels(images, samples, reading.mask)
         result = make(images if isinstance(images, Material) else given, Match(compared, metric=metric), usable)
@@ -336,6 +374,25 @@ def _read_material(folder: Path, output: Path) -> Material:
     for note in material.notes:
         click.echo(f"  {note}", err=True)
     return material
+
+
+def _flatten_material(material: Material, radius: str | float) -> Material:
+    """Return a material whose colours are in even light."""
+    if radius == "none" or "color" not in material.maps:
+        return material
+    color = _in_even_light(Path(material.files["color"]), material.maps["color"], radius, material.opaque)
+    return replace(material, maps={**material.maps, "color": color})
+
+
+def _in_even_light(path: Path, values: Array, radius: str | float, usable: Array | None) -> Array:
+    """Return linear values in even light, and say what was taken out; `InputError` with the file's name."""
+    try:
+        even = even_light(values, radius, mask=usable)
+    except InputError as problem:
+        raise InputError(f"{path}: {problem}") from problem
+    if (even.light != 1).any():
+        click.echo(f"  {path.name}: {even.note}", err=True)
+    return even.image
 
 
 def _check_outputs(outputs: list[Path], inputs: list[Path]) -> None:

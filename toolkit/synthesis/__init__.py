@@ -3,6 +3,7 @@
 from intaglio.synthesis.assess import SynthesisReport, assess_synthesis
 from intaglio.synthesis.coherent import covered_pixels, mean_step, refine_source, sum_in_patches
 from intaglio.synthesis.growing import grow
+from intaglio.synthesis.light import EvenLight, even_light
 from intaglio.synthesis.material import Material, holds_material, read_material
 from intaglio.synthesis.nearest import NearestWindows
 from intaglio.synthesis.options import CONTINUATIONS, CUTS, GrowOptions, QuiltOptions, WeaveOptions
@@ -23,6 +24,7 @@ __all__ = [
     "METRICS",
     "SIDES",
     "THESIS_LIGHTS",
+    "EvenLight",
     "Friedman",
     "GrowOptions",
     "Match",
@@ -37,6 +39,7 @@ __all__ = [
     "assess_synthesis",
     "copy_texture",
     "covered_pixels",
+    "even_light",
     "friedman",
     "grow",
     "halve_planes",
