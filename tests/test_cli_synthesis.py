@@ -189,6 +189,12 @@ def test_ranks(run, tmp_path):
     lines = said.splitlines()
     assert lines[0] == "40 rankings of 3 methods"
     assert lines[2].startswith("  grow: mean rank 1.15, better than refined, quilt")
+    # The interval plot: three that don't overlap, best first, and the axis.
+    plot = lines[-4:-1]
+    assert [line.split()[0] for line in plot] == ["grow", "refined", "quilt"]
+    spans = [(line.index("-"), line.rindex("-")) for line in plot]
+    assert spans[0][1] < spans[1][0]
+    assert spans[1][1] < spans[2][0]
     for words, message in [
         ([tmp_path / "none.csv"], "no such file"),
         ([tmp_path / "ranks.csv", "--methods", "a"], "has no column a"),

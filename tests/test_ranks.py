@@ -89,6 +89,11 @@ def test_groups_may_overlap():
     ranks = np.tile([1, 2, 3], (8, 1))
     pairs = multiple_comparison(ranks, 0.05)
     assert pairs.groups == ((0, 1), (1, 2))
+    # Intervals are disjoint where methods differ, and nowhere else (the thesis, figure 6.3.1).
+    for i in range(3):
+        for j in range(3):
+            apart = pairs.intervals[i, 0] > pairs.intervals[j, 1] or pairs.intervals[j, 0] > pairs.intervals[i, 1]
+            assert apart == pairs.different[i, j]
 
 
 @pytest.mark.parametrize(

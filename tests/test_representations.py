@@ -18,7 +18,7 @@ from intaglio import (
 )
 from intaglio.photometric.bases import HemisphericalBasis, PolynomialBasis, coefficients
 from intaglio.photometric.interpolation import grid_of, interpolate, smooth
-from intaglio.photometric.linear_fits import information
+from intaglio.photometric.linear_fits import individual_information, information
 from intaglio.photometric.relightable import KINDS
 from intaglio.photometric.representation import stack_moments
 
@@ -100,6 +100,9 @@ def test_eigen_images_are_the_best_of_their_number():
     np.testing.assert_allclose(texture.relight(stack.lights, clip=False).reshape(len(planes), -1), best.T, atol=1e-5)
     np.testing.assert_allclose(np.abs(texture.maps.reshape(6, -1)), np.abs(u[:, :6] * w[:6]).T, atol=1e-4)
     np.testing.assert_allclose(information(stack_moments(stack)), np.sqrt(np.cumsum(w**2) / (w**2).sum()), atol=1e-9)
+    alone = individual_information(stack_moments(stack))
+    np.testing.assert_allclose(alone, w / np.sqrt((w**2).sum()), atol=1e-6)
+    assert f"one by one {alone[0]:.2%}" in texture.notes[0]
 
 
 def test_bilinear_interpolation_on_the_grid():

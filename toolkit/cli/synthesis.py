@@ -70,6 +70,9 @@ from intaglio.synthesis import synthesize as synthesize_texture
 # Where pixels came from, in a folder of maps or after an image's name.
 SOURCE = "source.exr"
 
+# Columns of the plot of mean ranks.
+_PLOT = 60
+
 # Options that only one method has.
 _METHODS: dict[str, Callable[..., Any]] = {"weave": WeaveOptions, "quilt": QuiltOptions, "grow": GrowOptions}
 _OWN = {method: tuple(f.name for f in fields(options)) for method, options in _METHODS.items()}  # type: ignore[arg-type]
@@ -504,4 +507,24 @@ def rank(
     for i in order:
         beats = [names[j] for j in order if pairs.different[i, j] and test.mean_ranks[i] < test.mean_ranks[j]]
         click.echo(f"  {names[i]}: mean rank {test.mean_ranks[i]:.2f}" + (f", better than {', '.join(beats)}" if beats else ""))
-    click.echo(f"mean ranks differ at alpha {alpha:g} if they are more than {pairs.critical_difference:.3f} apart")
+    apart = f"more than {pairs.critical_difference:.3f} apart: intervals are disjoint"
+    click.echo(f"mean ranks differ at alpha {alpha:g} if they are {apart}")
+    for line in _interval_plot([names[i] for i in order], pairs.mean_ranks[order], pairs.intervals[order]):
+        click.echo(f"  {line}")
+
+
+def _interval_plot(names: list[str], means: Array, intervals: Array) -> list[str]:
+    """Return mean ranks (o) and their intervals as lines of text, as in the thesis' figure 6.3.1."""
+    low, high = float(intervals.min()), float(intervals.max())
+    wide = max(map(len, names))
+
+    def column(rank: float) -> int:
+        return round((rank - low) / max(high - low, 1e-9) * (_PLOT - 1))
+
+    lines = []
+    for name, mean, (start, end) in zip(names, means, intervals, strict=True):
+        drawn = [" "] * _PLOT
+        drawn[column(start) : column(end) + 1] = "-" * (column(end) + 1 - column(start))
+        drawn[column(mean)] = "o"
+        lines.append(f"{name:{wide}} {''.join(drawn).rstrip()}")
+    return [*lines, f"{'':{wide}} {low:<{_PLOT - 5}.2f}{high:>5.2f}"]

@@ -149,8 +149,10 @@ def fit_linear(kind: str, lights: Array, moments: Moments | None, settings: Sett
     if kind in ("eigen3", "eigen6"):
         count = int(kind[-1])
         vectors = principal(moments, count, kind)
-        share = information(moments)[count - 1]
-        note = f"{kind}: {count} base images hold {share:.2%} of the information (eq. 4.4.13)"
+        share = information(moments)
+        alone = ", ".join(f"{one:.2%}" for one in individual_information(moments)[:count])
+        held = f"{share[count - 1]:.2%} of the information (eq. 4.4.13), one by one {alone} (eq. 4.4.12)"
+        note = f"{kind}: {count} base images hold {held}"
         return LinearFit(vectors, interpolate(lights, vectors, settings.interpolation), (note,))
     return _smooth_fit(lights, moments, settings)
 
@@ -205,6 +207,12 @@ def information(moments: Moments) -> Array:
     """Return the cumulative information of the eigenvectors, √(Σ_{i≤k} w²/Σ w²) (eq. 4.4.13), (K,)."""
     values = np.maximum(np.linalg.eigvalsh(moments.products)[::-1], 0)
     return np.sqrt(np.cumsum(values) / max(values.sum(), 1e-300))
+
+
+def individual_information(moments: Moments) -> Array:
+    """Return the information of each eigenvector, √(w_k²/Σ w²) (eq. 4.4.12), (K,)."""
+    values = np.maximum(np.linalg.eigvalsh(moments.products)[::-1], 0)
+    return np.sqrt(values / max(values.sum(), 1e-300))
 
 
 def _three_images(lights: Array) -> LinearFit:

@@ -93,6 +93,26 @@ class MultipleComparison:
     def __post_init__(self) -> None:
         check_fields(self, nan=True)
 
+    @property
+    def intervals(self) -> Array:
+        """Intervals about the mean ranks that are disjoint where two methods differ (the thesis, figure 6.3.1).
+
+        Returns
+        -------
+        (k, 2) float64 array
+            From and to.
+
+        Examples
+        --------
+        >>> import intaglio
+        >>> intaglio.multiple_comparison([[1, 2, 3]] * 6, alpha=0.05).intervals.round(2)
+        array([[0.32, 1.68],
+               [1.32, 2.68],
+               [2.32, 3.68]])
+        """
+        half = self.critical_difference / 2
+        return np.stack([self.mean_ranks - half, self.mean_ranks + half], axis=1)
+
 
 @checked_arguments
 def friedman(ranks: Any) -> Friedman:
