@@ -173,13 +173,13 @@ def test_pieces_of_a_slope_are_joined_without_a_step(wrap):
     source = pixel_positions((40, 40))
     source[:, 20:, 1] += 17
     copied = plane[source[..., 0], source[..., 1]]
-    joined = join_pieces(copied, plane, np.ones(plane.shape, bool), source, reach=1e4, smooth=0.0, wrap=wrap)
+    joined = copied + next(join_pieces([plane], np.ones(plane.shape, bool), source, reach=1e4, smooth=0.0, wrap=wrap))
     if not wrap:
         np.testing.assert_allclose(np.diff(joined, axis=1), 1, atol=1e-3)
     assert np.abs(np.diff(copied, axis=1)).max() == 18
     assert np.abs(np.diff(joined, axis=1)).max() < 2.5
-    same = join_pieces(plane, plane, np.ones(plane.shape, bool), pixel_positions(plane.shape), reach=8, smooth=2.0, wrap=False)
-    np.testing.assert_allclose(same, plane, atol=1e-9)
+    (still,) = join_pieces([plane], np.ones(plane.shape, bool), pixel_positions(plane.shape), reach=8, smooth=2.0, wrap=False)
+    assert not still.any()
 
 
 def test_a_constant_stays_constant_and_copies_are_exact():

@@ -218,33 +218,38 @@ def _describe(start: Start, deepest: int, sample: SampleMaps) -> tuple[str, ...]
 def _join(found: Synthesis, maps: Any, sample: SampleMaps, side: float) -> Synthesis:
     """Return the result with all its maps joined over the borders between pieces."""
     kinds = _kinds(maps, sample.maps.shape[2])
-    values = found.maps.astype(np.float64)
-    for c, kind in enumerate(kinds):
-        plane = sample.maps[:, :, c].astype(np.float64)
-        if kind == "given":
-            continue
-        reach, smooth = (max(_REACH, _REACH_OF_HEIGHTS * side), 0.0) if kind == "height" else (_REACH, _SMOOTH)
-        joined = join_pieces(values[:, :, c], plane, sample.usable, found.source, reach=reach, smooth=smooth, wrap=found.tileable)
-        inside = plane[sample.usable]
-        values[:, :, c] = np.clip(joined, inside.min(), inside.max())
+    copies = found.maps
+    made = copies.copy()
+    ends = [(low, high) for low, high in zip(*(f(sample.maps[sample.usable], axis=0) for f in (np.min, np.max)), strict=True)]
+    for group, reach, smooth in (
+        (("height",), max(_REACH, _REACH_OF_HEIGHTS * side), 0.0),
+        (("value", "normal"), _REACH, _SMOOTH),
+    ):
+        which = [c for c, kind in enumerate(kinds) if kind in group]
+        planes = (sample.maps[:, :, c].astype(np.float64) for c in which)
+        added = join_pieces(planes, sample.usable, found.source, reach=reach, smooth=smooth, wrap=found.tileable)
+        for c, more in zip(which, added, strict=False):
+            made[:, :, c] = _as_type(np.clip(copies[:, :, c] + more.astype(np.float64), *ends[c]), made.dtype)
     normals = [c for c, kind in enumerate(kinds) if kind == "normal"]
     if normals:
-        normal = 2 * values[:, :, normals] - 1
-        values[:, :, normals] = (normal / np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12) + 1) / 2
-    copies = found.maps
-    if copies.dtype.kind in "iu":
-        limits = np.iinfo(copies.dtype)
-        values = np.clip(np.rint(values), limits.min, limits.max)
-    made = values.astype(copies.dtype)
-    moved = (made.astype(np.float64) - copies).astype(np.float32)
+        normal = 2 * made[:, :, normals].astype(np.float64) - 1
+        made[:, :, normals] = (normal / np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-12) + 1) / 2
+    moved = np.empty(made.shape, np.float32)
+    for c in range(made.shape[2]):
+        moved[:, :, c] = made[:, :, c].astype(np.float64) - copies[:, :, c]
     texture = None if found.texture is None else texture_of_planes(found.texture, made)
-    spans = sample.maps[sample.usable].max(axis=0).astype(np.float64) - sample.maps[sample.usable].min(axis=0)
-    share = float((np.abs(moved).mean(axis=(0, 1)) / np.where(spans > 0, spans, 1)).max(initial=0))
+    spans = [float(high) - float(low) or 1.0 for low, high in ends]
+    share = max((float(np.abs(moved[:, :, c]).mean()) / span for c, span in enumerate(spans)), default=0.0)
     notes = (
         *found.notes,
         f"pieces joined by their differences, which moved values by {100 * share:.2g} % of their range on average",
     )
     return replace(found, maps=made, texture=texture, moved=moved, notes=notes)
+
+
+def _as_type(values: Array, dtype: np.dtype[Any]) -> Array:
+    """Return values in a type; integers are rounded."""
+    return (np.rint(values) if dtype.kind in "iu" else values).astype(dtype)
 
 
 def _kinds(maps: Any, count: int) -> list[str]:
