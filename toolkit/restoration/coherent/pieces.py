@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,23 +101,31 @@ def fill_by_pieces(
     )
     frames = _as_deep_as_known(frames, len(levels) - 1)
     source = np.moveaxis(np.indices(hole.shape), 0, 2).astype(np.int32)
-    total = sum(len(group) for group in frames.values())
-    done = ordered = 0
+    count = sum(len(group) for group in frames.values())
+    total = round(sum(sum(_work(group, depth)) for depth, group in frames.items()))
+    done, ordered = 0.0, 0
+
+    def advance(amount: float) -> None:
+        nonlocal done
+        done += amount
+        if progress is not None:
+            progress(min(round(done), total), total)
+
     for depth, group in sorted(frames.items()):
-        found, canvas, count = _fill_frames(levels, label, group, depth, seed, device)
-        ordered += count
-        for number, f in enumerate(group, 1):
-            place = canvas.place[canvas.frame == number]
+        found, canvas, second = _fill_frames(levels, label, group, depth, seed, device, advance)
+        ordered += second
+        for (top, left), f in zip(canvas.corners, group, strict=True):
+            box = (slice(top, top + f.height), slice(left, left + f.width))
+            place = canvas.place[box].reshape(-1, 2)
             inside = ((place >= 0) & (place < hole.shape)).all(axis=1)
             y, x = place[inside].T
             own = label[y, x] == f.group
-            source[y[own], x[own]] = found[canvas.frame == number][inside][own]
-        done += len(group)
-        if progress is not None:
-            progress(done, total)
+            source[y[own], x[own]] = found[box].reshape(-1, 2)[inside][own]
+    if progress is not None:
+        progress(total, total)
     deepest = max(frames)
     note = (
-        f"{total} hole{'s' if total > 1 else ''} filled by coherent pieces, on up to {deepest + 1} level{'s' if deepest else ''}"
+        f"{count} hole{'s' if count > 1 else ''} filled by coherent pieces, on up to {deepest + 1} level{'s' if deepest else ''}"
     )
     return source, note + (f"; {ordered} begun in the order of structure, which fitted better" if ordered else "")
 
@@ -184,10 +193,23 @@ def whole_patches(usable: Array, chart: Array) -> Array:
     return starts
 
 
+def _work(frames: list[Frame], depth: int) -> list[float]:
+    """Return what each level takes, finest first: its pixels, twice where two starts are compared."""
+    pixels = sum(f.height * f.width for f in frames)
+    return [pixels / 4**n * (2 if n >= min(depth, 1) else 1) for n in range(depth + 1)]
+
+
 def _fill_frames(
-    levels: list[_Level], label: Array, frames: list[Frame], depth: int, seed: int, device: str
+    levels: list[_Level],
+    label: Array,
+    frames: list[Frame],
+    depth: int,
+    seed: int,
+    device: str,
+    advance: Callable[[float], None],
 ) -> tuple[Array, Canvas, int]:
     """Return the sources on the canvas of some frames, the canvas, and how many frames took the second start."""
+    work = _work(frames, depth)
     tasks = [_task(levels[n], lay_frames(frames, depth, n), label, frames, n) for n in range(depth + 1)]
     chosen = min(depth, 1)
     runs = [_smooth_start(levels[depth], tasks[depth]), _ordered_start(levels[depth], tasks[depth], frames)]
@@ -202,12 +224,14 @@ def _fill_frames(
                 source = _refined(source, levels[n], tasks[n])
                 values = levels[n].planes[:, source[..., 0], source[..., 1]]
             source, cost = _improve(levels[n], tasks[n], values, source, n == depth, n, seed + number, device)
+            advance(work[n] / 2)
         results.append((source, cost))
     source, ordered = _choose(results, tasks[chosen], len(frames))
     for n in range(chosen - 1, -1, -1):
         source = _refined(source, levels[n], tasks[n])
         values = levels[n].planes[:, source[..., 0], source[..., 1]]
         source, _ = _improve(levels[n], tasks[n], values, source, False, n, seed, device)
+        advance(work[n])
     return source, tasks[0].canvas, ordered
 
 
