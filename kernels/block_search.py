@@ -297,52 +297,17 @@ def set_bounds_kernel(
     bound[k] = wp.min(float(UNUSABLE), best * (1.0 + tolerance) * rounding + 0.1 * ABSOLUTE * float(terms))
 
 
+@wp.func
+def weigh_use(cost: float, y: int, x: int, evenness: float, use: wp.array2d[wp.float32]) -> float:
+    """Return a candidate's cost weighed by its use; where use doesn't count, the same for all."""
+    weighed = float(0.0)
+    if evenness >= 0.0:
+        weighed = (cost + EQUAL) * (1.0 + evenness * use[y, x])
+    return weighed
+
+
 @wp.kernel
 def choose_blocks_kernel(
-    start: int,
-    first_block: int,
-    cost: wp.array3d[wp.float32],
-    least: wp.array3d[wp.float32],
-    width: int,
-    tolerance: float,
-    uniform: wp.array[wp.float32],
-    # output
-    choice: wp.array[wp.int32],
-):
-    """Choose at random one of the candidates whose cost is at most (1 + tolerance) min c."""
-    k = start + wp.tid()
-    best = float(UNUSABLE)
-    for i in range(least.shape[1]):
-        for g in range(least.shape[2]):
-            best = wp.min(best, least[k, i, g])
-    limit = wp.min(best * (1.0 + tolerance), 0.5 * float(UNUSABLE))
-    listed = int(0)
-    for i in range(least.shape[1]):
-        for g in range(least.shape[2]):
-            if least[k, i, g] <= limit:
-                for r in range(ROWS):
-                    for lane in range(LANES):
-                        if cost[k, ROWS * i + r, LANES * g + lane] <= limit:
-                            listed += 1
-    wanted = wp.min(listed - 1, int(uniform[first_block + k] * float(listed)))
-    passed = int(0)
-    chosen = int(-1)
-    for i in range(least.shape[1]):
-        if chosen >= 0:
-            break
-        for g in range(least.shape[2]):
-            if least[k, i, g] <= limit:
-                for r in range(ROWS):
-                    for lane in range(LANES):
-                        if cost[k, ROWS * i + r, LANES * g + lane] <= limit:
-                            if passed == wanted:
-                                chosen = (ROWS * i + r) * width + LANES * g + lane
-                            passed += 1
-    choice[first_block + k] = chosen
-
-
-@wp.kernel
-def choose_even_blocks_kernel(
     start: int,
     first_block: int,
     cost: wp.array3d[wp.float32],
@@ -357,7 +322,8 @@ def choose_even_blocks_kernel(
 ):
     """Choose, of the candidates whose cost is at most (1 + tolerance) min c, the one of least c (1 + evenness use).
 
-    ``use`` is a candidate's share of what even use would give it in the end. Of several equal ones the choice is random.
+    ``use`` is a candidate's share of what even use would give it in the end. Of several equal ones the choice is random; all are
+    where ``evenness`` is negative.
     """
     k = start + wp.tid()
     best = float(UNUSABLE)
@@ -374,7 +340,7 @@ def choose_even_blocks_kernel(
                     for lane in range(LANES):
                         c = cost[k, ROWS * i + r, LANES * g + lane]
                         if c <= limit:
-                            weighed = (c + EQUAL) * (1.0 + evenness * use[ROWS * i + r, LANES * g + lane])
+                            weighed = weigh_use(c, ROWS * i + r, LANES * g + lane, evenness, use)
                             if weighed < lowest:
                                 lowest = weighed
                                 listed = 0
@@ -392,7 +358,7 @@ def choose_even_blocks_kernel(
                     for lane in range(LANES):
                         c = cost[k, ROWS * i + r, LANES * g + lane]
                         if c <= limit:
-                            if (c + EQUAL) * (1.0 + evenness * use[ROWS * i + r, LANES * g + lane]) == lowest:
+                            if weigh_use(c, ROWS * i + r, LANES * g + lane, evenness, use) == lowest:
                                 if passed == wanted:
                                     chosen = (ROWS * i + r) * width + LANES * g + lane
                                 passed += 1

@@ -21,7 +21,6 @@ from intaglio.kernels.block_search import (
     absolute_costs_kernel,
     bound_taken_kernel,
     choose_blocks_kernel,
-    choose_even_blocks_kernel,
     continue_neighbors_kernel,
     count_use_kernel,
     gather_overlaps_kernel,
@@ -175,8 +174,9 @@ class BlockLayer:
             self._boxes = self._upload(box_sums(sample.planes, self._box))
             self._cells, self._most_cells = self._stencils(self._box)
         self._prune = prune
-        self._evenness = evenness
-        self._use = wp.zeros((self._groups[0] * ROWS, self._groups[1] * LANES), dtype=wp.float32, device=device)
+        self._evenness = -1.0 if evenness is None else float(evenness)
+        counted = (self._groups[0] * ROWS, self._groups[1] * LANES) if evenness is not None else (1, 1)
+        self._use = wp.zeros(counted, dtype=wp.float32, device=device)
         # All blocks together, laid evenly, would take each candidate's pixels so often.
         self._use_share = float(sample.usable.sum()) / max(1.0, float(len(blocks.origin) * blocks.block**2))
         self._make_buffers()
@@ -360,31 +360,14 @@ class BlockLayer:
                 work=3 * self._longest * self._maps + rows * columns,
             )
         self._costs(first, count, boxes=False)
-        if self._evenness is None:
-            self._launch(
-                choose_blocks_kernel,
-                count,
-                inputs=[first, self._cost, self._least, self._width, self._tolerance, self._uniform],
-                outputs=[self._choice],
-                work=3 * rows * columns,
-            )
-        else:
-            self._launch(
-                choose_even_blocks_kernel,
-                count,
-                inputs=[
-                    first,
-                    self._cost,
-                    self._least,
-                    self._width,
-                    self._tolerance,
-                    self._evenness,
-                    self._uniform,
-                    self._use,
-                ],
-                outputs=[self._choice],
-                work=6 * rows * columns,
-            )
+        self._launch(
+            choose_blocks_kernel,
+            count,
+            inputs=[first, self._cost, self._least, self._width, self._tolerance, self._evenness, self._uniform, self._use],
+            outputs=[self._choice],
+            work=6 * rows * columns,
+        )
+        if self._evenness >= 0:
             self._launch(
                 count_use_kernel,
                 rows * ROWS,

@@ -7,7 +7,8 @@ from skimage import data
 import intaglio
 from intaglio import InputError, WeaveOptions, quilt, weave
 from intaglio.kernels.launch import set_threads
-from intaglio.kernels.patch_match import SIDE, STRIDE, PatchField, patch_grid
+from intaglio.kernels.patch_field import PatchField, patch_grid
+from intaglio.kernels.patch_match import SIDE, STRIDE
 from intaglio.synthesis.coherent.joining import join_pieces
 from intaglio.synthesis.coherent.levels import broken_patches, covered_pixels, refine_source
 from intaglio.synthesis.result import pixel_positions

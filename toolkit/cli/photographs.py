@@ -234,7 +234,7 @@ def _pictures(photographs: list[Photograph]) -> list[Path]:
         help="8: compare with turned and mirrored neighbourhoods, too; 1: as they are.",
     ),
     click.option("--refine", type=click.IntRange(0, 10), default=1, show_default=True, help="Passes of texture optimisation."),
-    click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: but for synthesize."),
+    click.option("--seams/--no-seams", default=None, help="Fit what is filled to its surroundings; default: not for synthesize."),
 )
 @click.option("--barriers", type=FilePath(), default=None, help="Mask of pixels that colours don't spread across.")
 @click.option("--invert", is_flag=True, help="The mask's dark pixels are missing, instead of its bright ones.")

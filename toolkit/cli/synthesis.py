@@ -381,7 +381,7 @@ def _read_material(folder: Path, output: Path) -> Material:
 
 def _flatten_material(material: Material, radius: str | float) -> Material:
     """Return a material whose colours are in even light."""
-    if radius == "none" or "color" not in material.maps:
+    if radius == "none" or "color" not in material.maps or (radius == "auto" and material.bits["color"] != 8):
         return material
     color = _in_even_light(Path(material.files["color"]), material.maps["color"], radius, material.opaque)
     return replace(material, maps={**material.maps, "color": color})

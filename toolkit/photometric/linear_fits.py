@@ -205,8 +205,7 @@ def principal(moments: Moments, count: int, kind: str) -> Array:
 
 def information(moments: Moments) -> Array:
     """Return the cumulative information of the eigenvectors, √(Σ_{i≤k} w²/Σ w²) (eq. 4.4.13), (K,)."""
-    values = np.maximum(np.linalg.eigvalsh(moments.products)[::-1], 0)
-    return np.sqrt(np.cumsum(values) / max(values.sum(), 1e-300))
+    return np.sqrt(np.cumsum(individual_information(moments) ** 2))
 
 
 def individual_information(moments: Moments) -> Array:

@@ -50,7 +50,7 @@ _OFF_UNIT = 0.02
 class Material:
     """Maps of one material, all of one size.
 
-    `intaglio.quilt`, `intaglio.grow` and `intaglio.synthesize` take it as a sample.
+    `intaglio.weave`, `intaglio.quilt`, `intaglio.grow` and `intaglio.synthesize` take it as a sample.
 
     Attributes
     ----------

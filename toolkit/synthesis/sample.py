@@ -42,7 +42,7 @@ class Match:
 
     See Also
     --------
-    intaglio.quilt, intaglio.grow, intaglio.synthesize : Take it as ``match``.
+    intaglio.weave, intaglio.quilt, intaglio.grow, intaglio.synthesize : Take it as ``match``.
 
     References
     ----------

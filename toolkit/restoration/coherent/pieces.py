@@ -9,7 +9,8 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array, Progress
-from intaglio.kernels.patch_match import SIDE, STRIDE, PatchField, patch_grid
+from intaglio.kernels.patch_field import PatchField, patch_grid
+from intaglio.kernels.patch_match import SIDE, STRIDE
 from intaglio.randomness import Stream, uniform
 from intaglio.restoration.coherent.frames import Canvas, Frame, group_holes, lay_frames
 from intaglio.restoration.coherent.order import Windows, fill_in_order
@@ -212,12 +213,13 @@ def _fill_frames(
     work = _work(frames, depth)
     tasks = [_task(levels[n], lay_frames(frames, depth, n), label, frames, n) for n in range(depth + 1)]
     chosen = min(depth, 1)
-    runs = [_smooth_start(levels[depth], tasks[depth]), _ordered_start(levels[depth], tasks[depth], frames)]
+    smooth = _smooth_start(levels[depth], tasks[depth])
+    starts = [smooth]
+    # Where more is missing the search of every patch would take too long.
+    if tasks[depth].own.sum() <= _MOST:
+        starts.append(_ordered_start(levels[depth], tasks[depth], frames, depth, *smooth))
     results = []
-    for number, start in enumerate(runs):
-        if start is None:
-            continue
-        values, source = start
+    for number, (values, source) in enumerate(starts):
         cost = np.zeros(0)
         for n in range(depth, chosen - 1, -1):
             if n < depth:
@@ -286,25 +288,36 @@ def _smooth_start(level: _Level, task: _Task) -> tuple[Array, Array]:
     return np.ascontiguousarray(np.moveaxis(smooth, 2, 0)), np.where(task.open_[..., None], near, here)
 
 
-def _ordered_start(level: _Level, task: _Task, frames: list[Frame]) -> tuple[Array, Array] | None:
-    """Return values and sources of holes filled in the order of structure; None where holes are too large for it."""
-    if task.own.sum() > _MOST:
-        return None
-    values, source = _smooth_start(level, task)
-    values = values.copy()
-    starts = np.argwhere(level.starts)
-    for number, (top, left) in enumerate(task.canvas.corners, 1):
-        rows, columns = np.nonzero(task.canvas.frame[top:, left:] == number)
-        box = (slice(top, top + int(rows.max()) + 1), slice(left, left + int(columns.max()) + 1))
+def _ordered_start(
+    level: _Level, task: _Task, frames: list[Frame], depth: int, values: Array, source: Array
+) -> tuple[Array, Array]:
+    """Return the values and sources of a smooth start with holes filled in the order of structure."""
+    values, source = values.copy(), source.copy()
+    for (top, left), f in zip(task.canvas.corners, frames, strict=True):
+        box = (slice(top, top + (f.height >> depth)), slice(left, left + (f.width >> depth)))
         middle = task.canvas.place[box].reshape(-1, 2).mean(axis=0) - SIDE / 2
-        distance = ((starts - middle) ** 2).sum(axis=1)
-        near = starts if len(starts) <= _WINDOWS else starts[np.sort(np.argpartition(distance, _WINDOWS)[:_WINDOWS])]
-        windows = Windows(level.planes, near)
+        windows = Windows(level.planes, _nearest_starts(level.starts, middle))
         part = (slice(None), *box)
         filled, found = fill_in_order(values[part], ~task.open_[box], task.own[box], windows, level.planes)
         values[part] = filled
         source[box] = np.where(found >= 0, found, source[box])
     return values, source
+
+
+def _nearest_starts(starts: Array, middle: Array) -> Array:
+    """Return the places (N, 2) nearest to a point where patches begin, at most `_WINDOWS`."""
+    reach = 64.0
+    while True:
+        # Beyond a square that holds enough, its corners' distance bounds where nearer ones may be.
+        low = np.clip(np.floor(middle - reach), 0, starts.shape).astype(int)
+        high = np.clip(np.ceil(middle + reach) + 1, 0, starts.shape).astype(int)
+        whole = (low == 0).all() and (high == starts.shape).all()
+        found = np.argwhere(starts[low[0] : high[0], low[1] : high[1]]) + low
+        distance = ((found - middle) ** 2).sum(axis=1)
+        if whole or (distance <= reach**2).sum() > _WINDOWS:
+            break
+        reach *= 2
+    return found if len(found) <= _WINDOWS else found[np.sort(np.argpartition(distance, _WINDOWS)[:_WINDOWS])]
 
 
 def _refined(source: Array, level: _Level, task: _Task) -> Array:

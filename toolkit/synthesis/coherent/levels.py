@@ -6,7 +6,8 @@ import numpy as np
 from scipy import ndimage
 
 from intaglio.arrays import Array
-from intaglio.kernels.patch_match import SIDE, STRIDE, PatchField, patch_grid
+from intaglio.kernels.patch_field import PatchField, patch_grid
+from intaglio.kernels.patch_match import SIDE, STRIDE
 from intaglio.randomness import Stream, uniform
 from intaglio.synthesis.result import pixel_positions
 from intaglio.synthesis.sample import window_starts
